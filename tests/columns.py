@@ -1,9 +1,14 @@
-"""Records with other columns, by the names that these have in files."""
+"""Records with other columns, by the names that these have in files, and points in
+rows.
+"""
 
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from shapefit.arrays import Floats
 from shapefit.records import Record
 from shapefit.records.columns import fields_from
 
@@ -20,3 +25,8 @@ def put(
     file_extras = of_file.pop("extras")
     changed = dataclasses.replace(record, **fields, **of_file)
     return changed.with_extras(extras).with_file_extras(file_extras)
+
+
+def in_rows(points: Floats) -> Floats:
+    """Return points (n, d, p) as records hold them, (n, p, d), one landmark a row."""
+    return np.ascontiguousarray(points.swapaxes(1, 2))

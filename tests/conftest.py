@@ -81,7 +81,8 @@ def make_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Pat
     shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
     def once(name: str, make: Callable[[Path], object]) -> Path:
-        path, part = shared / name, shared / f"part-{name}"
+        path = shared / name
+        part = shared / f"part-{name}"
         with (shared / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():

@@ -129,7 +129,8 @@ def test_your_animal(folder, capsys):
     )  # from the nose to the tip of the tail
     bones = read_shapes([folder / "dog.bvh"])
     assert {"withers", "left_front_paw", "tail_tip"} <= set(bones.landmark_names)
-    assert (len(bones), bones.frame_rate) == (100, 25)
+    assert len(bones) == 100
+    assert bones.frame_rate == 25
 
 
 @pytest.mark.slow

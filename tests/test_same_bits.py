@@ -12,7 +12,14 @@ from shapefit.config.paths import ResultFolder
 from shapefit.io import open_landmarks
 from shapefit.pipelines.fit.fit import fit
 from shapefit.pipelines.partition.run import fit_parts
+from tests.api.conftest import read_values
 from tests.io.files import save
+
+PERSPECTIVE = {
+    "method": "convex+refine",
+    "camera": {"focal": 1500.0, "principal_point": [0.0, 0.0]},
+}
+
 
 METHODS = {
     "convex": ("people", {}),
@@ -25,13 +32,7 @@ METHODS = {
     "pmp": ("bases of people", {}),
     "posterior": ("people with a prior", {}),
     "sequences": ("people with a prior", {}),
-    "perspective": (
-        "people",
-        {
-            "method": "convex+refine",
-            "camera": {"focal": 1500.0, "principal_point": [0.0, 0.0]},
-        },
-    ),
+    "perspective": ("people", PERSPECTIVE),
 }
 """Method or chain -> the dictionary that it takes, and its keys of `fit`."""
 
@@ -73,42 +74,52 @@ OF_A_FILE = ("landmark_names", "input_landmark_names", "edges", "landmark_map")
 
 def keys_of(case: str) -> dict:
     """Return the keys of `fit` of a method."""
-    fine = {"tolerance": 1e-6}
-    return {"method": case, "frame_rate": 24, **fine, **METHODS[case][1]}
+    _, keys = METHODS[case]
+    return {"method": case, "frame_rate": 24, "tolerance": 1e-6, **keys}
 
 
 def run(world, folder: Path, case: str, **way) -> list[Path]:
     """Fit by a method; return the results, one or several."""
-    named = {"landmarks": "views.h5", "output": Path("other.h5"), **way}
-    given = named["landmarks"]
-    given = [
-        str(folder / name) for name in ([given] if isinstance(given, str) else given)
-    ]
-    output, parts = named["output"], isinstance(named["output"], ResultFolder)
-    made = folder / (output.path if parts else output)
-    output = replace(output, path=made) if parts else made
-    files = {"landmarks": given, "dictionary": str(world.dictionary(METHODS[case][0]))}
-    config = FitConfig(**{**keys_of(case), **named, **files, "output": output})
-    runner = fit_parts if parts else fit
-    assert not [failure for outcome in runner(config) for failure in outcome.failures]
-    return sorted(made.glob("*.h5")) if made.is_dir() else [made]
+    way = {"landmarks": ["views.h5"], "output": Path("other.h5"), **way}
+    dictionary, _ = METHODS[case]
+    output = way.pop("output")
+    in_parts = isinstance(output, ResultFolder)
+    written = folder / (output.path if in_parts else output)
+    config = FitConfig(
+        **keys_of(case),
+        **way
+        | {
+            "landmarks": [str(folder / name) for name in way["landmarks"]],
+            "dictionary": str(world.dictionary(dictionary)),
+            "output": replace(output, path=written) if in_parts else written,
+        },
+    )
+    runner = fit_parts if in_parts else fit
+    for outcome in runner(config):
+        assert not outcome.failures
+    return sorted(written.glob("*.h5")) if in_parts else [written]
 
 
 def datasets(paths: list[Path]) -> dict[str, np.ndarray]:
     """Return the datasets of the results, one file after the other."""
-    found: dict[str, list[np.ndarray]] = {}
+    parts: dict[str, list[np.ndarray]] = {}
     for path in paths:
         with h5py.File(path) as file:
             for name, node in file.items():
                 if isinstance(node, h5py.Dataset):
-                    text = node.dtype.kind in "OS"
-                    found.setdefault(name, []).append(
-                        node.asstr()[()] if text else node[()]
-                    )
-    return {
-        name: parts[0] if name in OF_A_FILE else np.concatenate(parts)
-        for name, parts in found.items()
-    }
+                    parts.setdefault(name, []).append(read_values(node))
+    whole = {}
+    for name, values in parts.items():
+        whole[name] = values[0] if name in OF_A_FILE else np.concatenate(values)
+    return whole
+
+
+CASES = [
+    pytest.param(case, way, marks=[pytest.mark.slow] * ((case, way) in SLOW))
+    for case in METHODS
+    for way in WAYS
+    if case in SLOW_WAYS.get(way, METHODS)
+]
 
 
 @pytest.fixture(scope="module")
@@ -124,15 +135,7 @@ def expected(world, folder):
     return plain
 
 
-@pytest.mark.parametrize(
-    ("case", "way"),
-    [
-        pytest.param(case, way, marks=[pytest.mark.slow] * ((case, way) in SLOW))
-        for case in METHODS
-        for way in WAYS
-        if case in SLOW_WAYS.get(way, METHODS)
-    ],
-)
+@pytest.mark.parametrize(("case", "way"), CASES)
 def test_every_way_has_the_same_bits(world, folder, expected, case, way):
     plain = expected(case)
     found = datasets(run(world, folder, case, **WAYS[way]))

@@ -25,6 +25,18 @@ def walk(folder: Path, line: str, code: int = 0) -> tuple[str, str]:
     return done.stdout, done.stderr
 
 
+LEARN_DOG = (
+    "learn-dict data/animal_train.h5 -o dog.h5 --set prior.components=2"
+    " --set k=16 --set iterations=2"
+)
+
+
+FIT_DOG = (
+    "fit data/animal_walk.csv -d dog.h5 -o walk.h5"
+    " --set min_confidence=0.6 --set frame_rate=25"
+)
+
+
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
@@ -43,92 +55,145 @@ def folder(project, tmp_path):
 
 
 def test_a_neuroscientist_lifts_an_animal_of_deeplabcut(folder):
-    told, _ = walk(folder, "info data/animal_walk.csv")
-    assert "a DeepLabCut or Lightning Pose CSV" in told
-    learn = "learn-dict data/animal_train.h5 -o dog.h5 --set prior.components=2"
-    walk(folder, f"{learn} --set k=16 --set iterations=2")
-    keys = "--set min_confidence=0.6 --set frame_rate=25"
-    _, told = walk(folder, f"fit data/animal_walk.csv -d dog.h5 -o walk.h5 {keys}")
-    assert (
-        "Method  sequences (the dictionary has a prior; change with --method)" in told
-    )
-    assert (
-        "the size of the images is not known; exact positions in metres need"
-        " --image-size" in told
-    )
+    about_input, _ = walk(folder, "info data/animal_walk.csv")
+    walk(folder, LEARN_DOG)
+    _, about_fit = walk(folder, FIT_DOG)
     walk(folder, "view walk.h5 -o walk.html")
-    _, told = walk(folder, "convert walk.h5 -o walk.metres.csv")
-    assert "in m by the size of the training shapes" in told
+    _, about_table = walk(folder, "convert walk.h5 -o walk.metres.csv")
     table = rows_of(folder / "walk.metres.csv")
+    truth = shapefit.read_shapes(folder / "data/animal_truth.h5")
+    result = shapefit.read_results(folder / "walk.h5")
+    error = shapefit.evaluate(result, truth, ["similarity"])
+    method = "sequences (the dictionary has a prior; change with --method)"
+    size = "the size of the images is not known; exact positions in metres need"
+    assert "a DeepLabCut or Lightning Pose CSV" in about_input
+    assert f"Method  {method}" in about_fit
+    assert f"{size} --image-size" in about_fit
+    assert "in m by the size of the training shapes" in about_table
     assert {row["landmark"] for row in table} >= {"withers", "left_front_paw"}
     assert {row["trusted"] for row in table} <= {"true", "false"}
-    truth = shapefit.read_shapes(folder / "data/animal_truth.h5")
-    error = shapefit.evaluate(
-        shapefit.read_results(folder / "walk.h5"), truth, ["similarity"]
-    )
     assert error.mean("similarity", "m") < 0.06  # of a dog a metre long
 
 
-def test_a_researcher_brings_arrays_and_a_solver(folder):
-    """W and B as MATLAB saves them; shapes by S = sum_i c_i R_i B_i, judged as fits
-    are.
-    """
+def as_matrix(shapes):
+    """Return shapes (n, p, d) stacked as MATLAB users have them, (n d, p)."""
+    return np.moveaxis(shapes, 1, 2).reshape(-1, shapes.shape[1])
+
+
+def normalised(points):
+    """Return points (n, d, p) about their middle, in the unit of their spread."""
+    centred = points - points.mean(axis=2, keepdims=True)
+    return centred / centred.std(axis=2).mean(axis=1)[:, None, None]
+
+
+def shapes_of(optimum, B):
+    """Return sum_i c_i R_i B_i (n, p, 3), and the coefficients (n, k)."""
+    M = optimum.transforms
+    c = np.linalg.norm(M, 2, axis=(2, 3))
+    first = M[:, :, 0]
+    second = M[:, :, 1]
+    third = np.cross(first, second) / np.where(c > 0, c, 1)[..., None]
+    turned = np.stack([first, second, third], axis=2)
+    return np.einsum("nkab,kbp->npa", turned, B), c
+
+
+@pytest.fixture
+def arrays(folder):
+    """W (n, 2, p) and B (k, 3, p) as MATLAB saves them; the items and landmarks."""
     people = shapefit.read_shapes(folder / "data/people_train.h5").shapes[::60]
     views = shapefit.read_landmarks(folder / "data/people_views.csv")
     visible = np.flatnonzero(np.isfinite(views.landmarks).all(axis=(0, 2)))
-    stacked = {"W": views.landmarks, "B": people}
+    path = folder / "own.mat"
     stacked = {
-        name: X[:, visible].swapaxes(1, 2).reshape(-1, len(visible))
-        for name, X in stacked.items()
+        "W": as_matrix(views.landmarks[:, visible]),
+        "B": as_matrix(people[:, visible]),
     }
-    scipy.io.savemat(folder / "own.mat", stacked)
-    model = scipy.io.loadmat(folder / "own.mat")
-    W, B = model["W"].reshape(12, 2, -1), model["B"].reshape(-1, 3, len(visible))
-    W, B = (X - X.mean(axis=2, keepdims=True) for X in (W, B))
-    W, B = (X / X.std(axis=2).mean(axis=1)[:, None, None] for X in (W, B))
-    found = shapefit.solve(W, B, 0.1)
-    assert set(found.status) == {"optimal"}
-    c = np.linalg.norm(found.transforms, 2, axis=(2, 3))
-    first, second = found.transforms[:, :, 0], found.transforms[:, :, 1]
-    third = np.cross(first, second) / np.where(c > 0, c, 1)[..., None]
-    own = np.einsum("nkab,kbp->npa", np.stack([first, second, third], axis=2), B)
-    atoms = shapefit.Dictionary(atoms=B.swapaxes(1, 2))
-    fitted = shapefit.fit(W.swapaxes(1, 2), atoms, lam=0.1)
-    np.testing.assert_allclose(fitted.coefficients, c, atol=1e-6)
-    centred = fitted.shapes - fitted.shapes.mean(axis=1, keepdims=True)
-    np.testing.assert_allclose(own, centred, atol=1e-5)
+    scipy.io.savemat(path, stacked)
+    model = scipy.io.loadmat(path)
+    W = model["W"].reshape(12, 2, -1)
+    B = model["B"].reshape(-1, 3, len(visible))
+    return normalised(W), normalised(B), views.items, visible
+
+
+def test_a_researcher_brings_arrays_and_a_solver(arrays):
+    """Shapes by S = sum_i c_i R_i B_i are those of a fit."""
+    W, B, _, _ = arrays
+    optimum = shapefit.solve(W, B, 0.1)
+    shapes, coefficients = shapes_of(optimum, B)
+    atoms = shapefit.Dictionary(atoms=np.moveaxis(B, 1, 2))
+    fit = shapefit.fit(np.moveaxis(W, 1, 2), atoms, lam=0.1)
+    centred = fit.shapes - fit.shapes.mean(axis=1, keepdims=True)
+    assert set(optimum.status) == {"optimal"}
+    np.testing.assert_allclose(fit.coefficients, coefficients, atol=1e-6)
+    np.testing.assert_allclose(shapes, centred, atol=1e-5)
+
+
+def test_shapes_of_a_researcher_are_judged_as_fits_are(arrays, folder):
+    W, B, items, visible = arrays
+    shapes, _ = shapes_of(shapefit.solve(W, B, 0.1), B)
     truth = shapefit.read_shapes(folder / "data/people_test.h5")
-    true = truth.shapes[[truth.items.index(item) for item in views.items]][:, visible]
-    report = shapefit.evaluate(own, true, ["similarity"])
-    by_hand = similarity(own.swapaxes(1, 2), true.swapaxes(1, 2))
-    np.testing.assert_allclose(report.errors["similarity", "unknown"], by_hand)
-    with pytest.raises(
-        shapefit.InputError, match=r"for arrays there is solve\(W, B, lam\)"
-    ):
+    rows = [truth.items.index(item) for item in items]
+    true = truth.shapes[rows][:, visible]
+    report = shapefit.evaluate(shapes, true, ["similarity"])
+    expected = similarity(np.moveaxis(shapes, 1, 2), np.moveaxis(true, 1, 2))
+    np.testing.assert_allclose(report.errors["similarity", "unknown"], expected)
+
+
+def test_a_researcher_is_told_of_the_solver(arrays):
+    W, B, _, _ = arrays
+    fault = r"for arrays there is solve\(W, B, lam\)"
+    with pytest.raises(shapefit.InputError, match=fault):
         shapefit.fit(W, B)
 
 
-def test_an_engineer_resumes_and_reads_codes_and_json(folder):
+FIT_ONE = "fit views.h5 -d people --set method=posterior --json -o one.h5"
+
+
+FIT_PARTS = FIT_ONE.replace("one.h5", "parts/") + " --partition 30"
+
+
+@pytest.fixture
+def views(folder):
+    """A file of 128 views in the folder."""
     walk(folder, "project data/people_test.h5 -o all.h5")
     walk(folder, "convert all.h5 -o views.h5 --set every=5")
-    one = "fit views.h5 -d people --set method=posterior --json -o one.h5"
-    fit = f"{one.replace('one.h5', 'parts/')} --partition 30"
-    done = json.loads(walk(folder, fit)[0])
-    assert (done["command"], done["done"], done["failed"]) == ("fit", 128, 0)
-    parts = sorted(path.name for path in (folder / "parts").glob("*.h5"))
+    return folder / "views.h5"
+
+
+def report_of(folder, line, code=0):
+    """Run a command, and return what it says as JSON."""
+    out, _ = walk(folder, line, code)
+    return json.loads(out)
+
+
+def test_an_engineer_resumes_a_run(folder, views):
+    done = report_of(folder, FIT_PARTS)
+    parts = sorted((folder / "parts").glob("*.h5"))
+    parts[0].unlink()
+    again = report_of(folder, FIT_PARTS)
+    parts_again = sorted((folder / "parts").glob("*.h5"))
+    at_last = report_of(folder, FIT_PARTS)
+    assert done["command"] == "fit"
+    assert done["done"] == 128
+    assert done["failed"] == 0
     assert len(parts) > 1
     assert f"{len(parts)} of {len(parts)} parts" in json.dumps(done["summary"])
-    (folder / "parts" / parts[0]).unlink()
-    again = json.loads(walk(folder, fit)[0])
     assert 0 < again["done"] < 128
-    assert parts == sorted(path.name for path in (folder / "parts").glob("*.h5"))
-    assert json.loads(walk(folder, fit)[0])["done"] == 0
-    out, _ = walk(folder, f"{one} --fail-untrusted 0", code=1)
-    assert 0 < sum(json.loads(out)["untrusted"].values()) < 12
-    _, told = walk(folder, f"{one.replace('--json', '')} --fail-untrusted 0", code=1)
+    assert parts_again == parts
+    assert at_last["done"] == 0
+
+
+def test_an_engineer_reads_codes_of_images_that_are_not_trusted(folder, views):
+    line = f"{FIT_ONE} --fail-untrusted 0"
+    report = report_of(folder, line, code=1)
+    _, told = walk(folder, line.replace("--json", ""), code=1)
+    assert 0 < sum(report["untrusted"].values()) < 12
     assert "are not trusted, more than --fail-untrusted allows" in told
+
+
+def test_an_engineer_reads_the_code_of_a_bad_input(folder):
     (folder / "bad.h5").write_text("no landmarks")
-    _, told = walk(folder, fit.replace("views.h5", "bad.h5"), code=2)
+    _, told = walk(folder, FIT_PARTS.replace("views.h5", "bad.h5"), code=2)
     assert "bad.h5: is not an HDF5 file" in told
 
 
@@ -139,35 +204,35 @@ def test_a_folder_of_a_real_camera_is_a_motion_after_two_commands(real_data, tmp
     machine.
     """
     camera = real_data / "detected/pose2sim_balancing/openpose_json/cam01_json"
-    command = [str(Path(sys.executable).with_name("shapefit"))]
-    lines = (
-        (
-            f"fit {camera} -d people --set keypoints=body_25b --set frame_rate=60 -o"
-            " man.trc"
-        ),
-        "view man_person_1.trc -o man.html",
+    keys = "--set keypoints=body_25b --set frame_rate=60"
+    program = str(Path(sys.executable).with_name("shapefit"))
+    commands = (
+        f"{program} fit {camera} -d people {keys} -o man.trc",
+        f"{program} view man_person_1.trc -o man.html",
     )
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    for line in lines:
-        subprocess.run(
-            [*command, *line.split()], check=True, capture_output=True, cwd=tmp_path
-        )
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 7
+    before = seconds_of_children()
+    for command in commands:
+        subprocess.run(command.split(), check=True, capture_output=True, cwd=tmp_path)
+    seconds = seconds_of_children() - before
     angles = rows_of(tmp_path / "man_person_1_angles.csv")
+    assert seconds < 7
     assert len(angles) == 100
     assert (tmp_path / "man.html").stat().st_size > 10_000
+
+
+def seconds_of_children() -> float:
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
 
 
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_a_real_mouse_of_deeplabcut_is_lifted_by_its_own_class(real_data, tmp_path):
     for name in ("2D", "3D"):
-        (tmp_path / f"{name}.h5").symlink_to(
-            real_data / f"formats/dlc/reachingDEMO_{name}.h5"
-        )
+        source = real_data / f"formats/dlc/reachingDEMO_{name}.h5"
+        (tmp_path / f"{name}.h5").symlink_to(source)
     walk(tmp_path, "learn-dict 3D.h5 -o mouse.h5 --set k=8 --set prior.components=1")
     _, told = walk(tmp_path, "fit 2D.h5 -d mouse.h5 -o mouse_fit.h5")
+    result = shapefit.read_results(tmp_path / "mouse_fit.h5")
     assert "Method  sequences" in told
-    found = shapefit.read_results(tmp_path / "mouse_fit.h5")
-    assert len(found) == 300
-    assert np.isfinite(found.shape_sd).all()
+    assert len(result) == 300
+    assert np.isfinite(result.shape_sd).all()

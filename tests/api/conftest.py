@@ -29,24 +29,50 @@ def run_command(command: str, **arguments) -> None:
         pass
 
 
+ATTRIBUTES = ("unit", "method", "y_axis", "metres_from")
+
+
+def read_values(dataset: h5py.Dataset) -> np.ndarray:
+    """Return the values of a dataset, texts as such."""
+    is_text = dataset.dtype.kind in "OS"
+    return np.asarray(dataset.asstr()[()] if is_text else dataset[()])
+
+
+def assert_same_values(name: str, values: np.ndarray, others: np.ndarray) -> None:
+    """Fail unless two arrays are the same, bit for bit."""
+    assert values.dtype.kind == others.dtype.kind, name
+    assert values.shape == others.shape, name
+    if values.dtype.kind == "f" and values.dtype == others.dtype:
+        values = values.view(np.uint8)
+        others = others.view(np.uint8)
+    has_nan = values.dtype.kind == "f"
+    assert np.array_equal(values, others, equal_nan=has_nan), name
+
+
 def same_file(one: Path, other: Path, but: tuple[str, ...] = ()) -> None:
     """Fail unless two files have the same datasets, bit for bit, those in `but`
     aside.
     """
-    with h5py.File(one) as a, h5py.File(other) as b:
-        assert a.keys() == b.keys()
-        for name in sorted(a.keys() - set(but)):
-            x, y = (
-                f[name].asstr()[()] if f[name].dtype.kind in "OS" else f[name][()]
-                for f in (a, b)
-            )
-            assert (x.dtype.kind, x.shape) == (y.dtype.kind, y.shape), name
-            if x.dtype.kind == "f" and x.dtype == y.dtype:
-                x, y = x.view(np.uint8), y.view(np.uint8)
-            assert np.array_equal(x, y, equal_nan=x.dtype.kind == "f"), name
-        for name in ("unit", "method", "y_axis", "metres_from"):
-            one, other = (f.attrs.get(name) for f in (a, b))
-            assert _text(one) == _text(other), name
+    with h5py.File(one) as file, h5py.File(other) as other_file:
+        assert file.keys() == other_file.keys()
+        for name in sorted(file.keys() - set(but)):
+            values = read_values(file[name])
+            assert_same_values(name, values, read_values(other_file[name]))
+        for name in ATTRIBUTES:
+            text = _text(file.attrs.get(name))
+            assert text == _text(other_file.attrs.get(name)), name
+
+
+LEARN_KEYS = {
+    "sparse-coding": {
+        "k": 24,
+        "iterations": 2,
+        "prior": {"components": 2, "floor": 0.01},
+    },
+    "pca-bases": {},
+    "exemplars": {},
+}
+"""Method -> keys with which people are learned."""
 
 
 def _text(value: object) -> object:
@@ -64,22 +90,12 @@ def people(sample, tmp_path_factory) -> dict[str, Path]:
     """Dictionaries of people as the command learns them, by method."""
     folder = tmp_path_factory.mktemp("people")
     shapes = str(sample / "people_train.h5")
-    prior = {"components": 2, "floor": 0.01}
-    keys = {
-        "sparse-coding": {"k": 24, "iterations": 2, "prior": prior},
-        "pca-bases": {},
-        "exemplars": {},
-    }
-    for method, options in keys.items():
-        run_command(
-            "learn-dict",
-            shapes=shapes,
-            output=str(folder / f"{method}.h5"),
-            method=method,
-            every=20,
-            **options,
-        )
-    return {method: folder / f"{method}.h5" for method in keys}
+    files = {}
+    for method, keys in LEARN_KEYS.items():
+        files[method] = folder / f"{method}.h5"
+        arguments = {"shapes": shapes, "output": str(files[method]), "every": 20}
+        run_command("learn-dict", method=method, **arguments, **keys)
+    return files
 
 
 @pytest.fixture(scope="session")
@@ -90,9 +106,11 @@ def views(sample, tmp_path_factory) -> Path:
     rng = np.random.default_rng(5)
     truth = shapefit.read_shapes(sample / "people_test.h5")
     rows = np.concatenate([start + np.arange(16) for start in (0, 80, 320)])
-    points = 300 * truth.shapes[rows][..., :2] + rng.standard_normal((48, 15, 2))
+    exact = 300 * truth.shapes[rows][..., :2]
+    points = exact + rng.standard_normal((48, 15, 2))
     points[rng.random((48, 15)) < 0.1] = np.nan
-    confidence = rng.uniform(0.3, 1, (48, 15)) * (rng.random((48, 15)) > 0.05)
+    scores = rng.uniform(0.3, 1, (48, 15))
+    confidence = scores * (rng.random((48, 15)) > 0.05)
     images = shapefit.Landmarks(
         points,
         landmark_names=truth.landmark_names,

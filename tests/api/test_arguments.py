@@ -73,11 +73,18 @@ def words_of_key(key):
 
 
 @pytest.mark.parametrize("name", arguments.COMMANDS)
-def test_arguments_are_the_keys_of_the_command_with_its_words(name):
+def test_arguments_are_the_keys_of_the_command(name):
     keys = list_config_keys(CONFIGS[arguments.COMMANDS[name]])
     hints = hints_of(getattr(shapefit, name))
     top = {path[0] for path in keys} - {"data"}
     assert set(hints) - OF_ARRAYS[name] == top - OF_FILES[name]
+
+
+@pytest.mark.parametrize("name", arguments.COMMANDS)
+def test_arguments_take_the_words_of_their_keys(name):
+    keys = list_config_keys(CONFIGS[arguments.COMMANDS[name]])
+    hints = hints_of(getattr(shapefit, name))
+    top = {path[0] for path in keys}
     for argument in set(hints) & top - OF_ARRAYS[name]:
         key = keys[argument,]
         assert words_of_key(key) == words_of(hints[argument]), argument
@@ -85,19 +92,22 @@ def test_arguments_are_the_keys_of_the_command_with_its_words(name):
 
 @pytest.mark.parametrize(("name", "section"), SECTIONS)
 def test_sections_have_the_keys_of_the_schema(name, section):
-    keys = list_config_keys(CONFIGS[arguments.COMMANDS[name]])
-    inner = {
-        path[1]: key for path, key in keys.items() if path[0] == section and path[1:]
-    }
+    inner = {}
+    for path, key in list_config_keys(CONFIGS[arguments.COMMANDS[name]]).items():
+        if path[0] == section and path[1:]:
+            inner[path[1]] = key
     hints = typing.get_type_hints(SECTIONS[name, section])
     assert set(hints) == set(inner)
     for key, hint in hints.items():
         assert words_of_key(inner[key]) == words_of(hint), key
 
 
-def test_words_of_other_arguments_are_those_that_are_taken():
+def test_words_of_losses_are_those_that_are_taken():
     loss = inspect.signature(shapefit.solve, eval_str=True).parameters["loss"]
     assert words_of(loss.annotation) == {each.value for each in Loss}
+
+
+def test_words_of_reading_are_those_that_are_taken():
     reading = typing.get_type_hints(Reading)
     options = typing.get_type_hints(InputOptions, localns={"Mapping": typing.Mapping})
     assert set(reading) == set(options)
@@ -105,30 +115,44 @@ def test_words_of_other_arguments_are_those_that_are_taken():
         assert words_of(hint) == words_of(options[key]), key
 
 
+LANDMARKS = np.ones((1, 15, 2))
+
+
+SHAPES = np.ones((4, 15, 3))
+
+
+PROGRAM = (np.ones((2, 9)), np.ones((1, 3, 9)), 1)
+
+
 UNKNOWN = [
-    ("fit", (np.ones((1, 15, 2)),), "frame_rte", "did you mean `frame_rate`?"),
-    ("fit", (np.ones((1, 15, 2)),), "heigth", "did you mean `height`?"),
-    ("fit", (np.ones((1, 15, 2)),), "export", "it is for files"),
-    ("fit", (np.ones((1, 15, 2)),), "individual", "it is for files: give it to what"),
-    ("learn", (np.ones((4, 15, 3)),), "iteration", "did you mean `iterations`?"),
-    ("evaluate", (np.ones((4, 15, 3)),) * 2, "mach", "did you mean `match`?"),
-    ("solve", (np.ones((2, 9)), np.ones((1, 3, 9)), 1), "weigths", "`weights`?"),
-    ("solve", (np.ones((2, 9)), np.ones((1, 3, 9)), 1), "xyz", "are landmarks, ato"),
+    ("fit", (LANDMARKS,), "frame_rte", "did you mean `frame_rate`?"),
+    ("fit", (LANDMARKS,), "heigth", "did you mean `height`?"),
+    ("fit", (LANDMARKS,), "export", "it is for files"),
+    ("fit", (LANDMARKS,), "individual", "it is for files: give it to what"),
+    ("learn", (SHAPES,), "iteration", "did you mean `iterations`?"),
+    ("evaluate", (SHAPES, SHAPES), "mach", "did you mean `match`?"),
+    ("solve", PROGRAM, "weigths", "`weights`?"),
+    ("solve", PROGRAM, "xyz", "are landmarks, ato"),
 ]
+"""A function, what it is given, an unknown argument, and what is said of it."""
 
 
 @pytest.mark.parametrize(("name", "given", "argument", "hint"), UNKNOWN)
 def test_an_unknown_argument_names_the_nearest(name, given, argument, hint):
-    message = rf"^{name}\.{argument}: there is no argument `{argument}`; .*"
-    with pytest.raises(shapefit.InputError, match=message + re.escape(hint)):
-        getattr(shapefit, name)(*given, **{argument: 1})
+    function = getattr(shapefit, name)
+    fault = rf"^{name}\.{argument}: there is no argument `{argument}`; .*"
+    with pytest.raises(shapefit.InputError, match=fault + re.escape(hint)):
+        function(*given, **{argument: 1})
+
+
+ARRAY = "ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
 
 
 @pytest.mark.slow
 def test_a_type_checker_flags_what_is_wrong_and_nothing_else(project, tmp_path):
-    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path)]
+    mypy = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path)]
     done = subprocess.run(
-        [*command, str(SCRIPT)],
+        [*mypy, str(SCRIPT)],
         cwd=project,
         env=os.environ | {"MYPY_FORCE_COLOR": "0"},
         capture_output=True,
@@ -136,10 +160,9 @@ def test_a_type_checker_flags_what_is_wrong_and_nothing_else(project, tmp_path):
         check=False,
     )
     lines = SCRIPT.read_text(encoding="utf-8").splitlines()
-    wrong = {number for number, line in enumerate(lines, 1) if line.endswith("# wrong")}
-    flagged = re.findall(r":(\d+): error: ", done.stdout)
-    assert len(wrong) == 16
-    assert sorted(map(int, flagged)) == sorted(wrong), done.stdout + done.stderr
-    array = "ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
+    wrong = [number for number, line in enumerate(lines, 1) if line.endswith("# wrong")]
+    flagged = [int(line) for line in re.findall(r":(\d+): error: ", done.stdout)]
     revealed = re.findall(r'Revealed type is "(?:numpy\.)?(.*)"', done.stdout)
-    assert revealed == [array, array, f"{array} | None", "float"]
+    assert len(wrong) == 16
+    assert sorted(flagged) == wrong, done.stdout + done.stderr
+    assert revealed == [ARRAY, ARRAY, f"{ARRAY} | None", "float"]

@@ -27,7 +27,11 @@ def visible(project):
 def keypoints(visible):
     """One person (n, 25, 3) with confidences."""
     landmarks = np.nan_to_num(np.asarray(visible.landmarks)[:36])
-    return np.dstack([landmarks, np.asarray(visible.confidence)[:36]])
+    confidence = np.asarray(visible.confidence)[:36]
+    return np.dstack([landmarks, confidence])
+
+
+KEYS_OF_THE_FIT = ("lambda", "tolerance", "prior", "method", "keypoints", "save")
 
 
 @pytest.fixture(scope="module")
@@ -36,31 +40,38 @@ def found(keypoints):
 
 
 def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
-    np.save(tmp_path / "landmarks.npy", keypoints)
-    config = {"landmarks": (str(tmp_path / "landmarks.npy"),), "dictionary": "people"}
-    (tmp_path / "fit.yaml").write_text(
-        json.dumps({"keypoints": "body_25", "method": "sequences"})
-    )
+    array = tmp_path / "landmarks.npy"
+    output = tmp_path / "result.h5"
+    np.save(array, keypoints)
+    config = json.loads(found.attributes["config"])
+    keys = {key: config[key] for key in KEYS_OF_THE_FIT}
+    files = {"landmarks": (str(array),), "output": str(output)}
+    run_command("fit", **files, dictionary="people", **keys)
+    result = shapefit.read_results(output)
     assert found.attributes["method"] == "sequences"
-    wanted = json.loads(found.attributes["config"])
-    given = {
-        key: wanted[key]
-        for key in ("lambda", "tolerance", "prior", "method", "keypoints", "save")
-    }
-    run_command("fit", **config, **given, output=str(tmp_path / "result.h5"))
-    result = shapefit.read_results(tmp_path / "result.h5")
     for name in ("shapes", "shape_sd", "p_value", "trusted"):
         np.testing.assert_array_equal(getattr(found, name), getattr(result, name))
 
 
+STATED = {
+    "keypoints": "body_25",
+    "skeleton": {"head": 1.5, "hips": 1.15},
+    "camera": {"focal": "none"},
+}
+"""Keys that leave nothing to estimate."""
+
+
 def test_one_image_has_the_method_for_single_images(keypoints):
-    given = {"skeleton": {"head": 1.5, "hips": 1.15}, "camera": {"focal": "none"}}
-    alone = shapefit.fit(keypoints[0], "people", keypoints="body_25", **given)
-    assert (len(alone), alone.attributes["method"]) == (1, "posterior")
-    config = shapefit.fit(
-        keypoints, "people", keypoints="body_25", config="people", **given
-    )
-    np.testing.assert_array_equal(config[0].shapes, alone.shapes)
+    alone = shapefit.fit(keypoints[0], "people", **STATED)
+    by_config = shapefit.fit(keypoints, "people", config="people", **STATED)
+    assert len(alone) == 1
+    assert alone.attributes["method"] == "posterior"
+    np.testing.assert_array_equal(by_config[0].shapes, alone.shapes)
+
+
+def p_values(images, dictionary):
+    fit = shapefit.fit(images, dictionary, method="posterior", camera={"focal": "none"})
+    return fit.p_value
 
 
 def test_a_prior_without_a_table_has_one_drawn(world):
@@ -68,100 +79,122 @@ def test_a_prior_without_a_table_has_one_drawn(world):
     stored one.
     """
     people = shapefit.read_dictionary(world.dictionary("people with a prior"))
-    learned = {
-        name: values
-        for name, values in people.learned.items()
-        if name != "p_value_table"
-    }
     images = shapefit.read_landmarks(world.images("people"))
-    stored, drawn = (
-        shapefit.fit(images, one, method="posterior", camera={"focal": "none"})
-        for one in (people, people.replaced(learned=learned))
-    )
-    np.testing.assert_allclose(drawn.p_value, stored.p_value, atol=0.02)
+    learned = dict(people.learned)
+    del learned["p_value_table"]
+    without_table = people.replaced(learned=learned)
+    expected = p_values(images, people)
+    np.testing.assert_allclose(p_values(images, without_table), expected, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("landmarks", "options", "message"),
-    [
-        (
-            np.ones((3, 25, 3)),
-            {},
-            r"not 15; name them, as in `keypoints=body_25` or `keypoints=",
-        ),
-        (
-            np.ones((3, 17, 2)),
-            {},
-            r"not 15; name them, as in `keypoints=coco_17` or `keypoints=",
-        ),
-        (np.full((3, 25, 2), 9.0), {"keypoints": "body_26"}, "body_25"),
-        (np.full((3, 15, 3), 7.0), {}, "third numbers run from 7 to 7"),
-    ],
-)
+WRONG_ARRAYS = [
+    (
+        np.ones((3, 25, 3)),
+        {},
+        r"not 15; name them, as in `keypoints=body_25` or `keypoints=",
+    ),
+    (
+        np.ones((3, 17, 2)),
+        {},
+        r"not 15; name them, as in `keypoints=coco_17` or `keypoints=",
+    ),
+    (np.full((3, 25, 2), 9.0), {"keypoints": "body_26"}, "body_25"),
+    (np.full((3, 15, 3), 7.0), {}, "third numbers run from 7 to 7"),
+]
+
+
+@pytest.mark.parametrize(("landmarks", "options", "message"), WRONG_ARRAYS)
 def test_arrays_that_cannot_be_are_refused(landmarks, options, message):
     with pytest.raises(shapefit.InputError, match=message):
         shapefit.fit(landmarks, "people", **options)
 
 
-def test_a_fit_is_one_line_and_has_parts(found):
-    assert (
-        repr(found)
-        == "<shapefit.Fit: 36 images, 21 landmarks, method sequences, 36 trusted, in"
-        " unknown>"
-    )
-    assert len(found) == 36
+def test_a_fit_is_one_line(found):
+    sizes = "36 images, 21 landmarks, method sequences, 36 trusted"
+    assert repr(found) == f"<shapefit.Fit: {sizes}, in unknown>"
+
+
+def test_a_fit_has_parts(found):
     part = found[4:9]
+    assert len(found) == 36
     assert part.items == found.items[4:9]
     np.testing.assert_array_equal(part.shapes, found.shapes[4:9])
     np.testing.assert_array_equal(part.frames, found.frames[4:9])
     np.testing.assert_array_equal(found[-1].shapes, found.shapes[-1:])
-    assert len(found[found.trusted]) == int(found.trusted.sum())
 
 
-def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
-    shapefit.write_results(tmp_path / "fit.h5", found)
-    files = {
-        "files": [str(tmp_path / "fit.h5")],
-        "output": str(tmp_path / "x.metres.csv"),
-    }
-    for _ in convert.convert_files(load_config("convert", arguments=files)):
-        pass
-    with pytest.warns(
-        UserWarning, match="times are numbers of frames; set `frame_rate`"
-    ):
-        table = found.metres
-    with (tmp_path / "x.metres.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert [*rows[0], "sequence"] == list(table.dtype.names)
+def test_a_fit_has_the_part_of_flags(found):
+    trusted = found[found.trusted]
+    assert len(trusted) == int(found.trusted.sum())
+
+
+def metres_of(fit):
+    """Return the table of joints in metres of a fit of unknown frame rate."""
+    warning = "times are numbers of frames; set `frame_rate`"
+    with pytest.warns(UserWarning, match=warning):
+        return fit.metres
+
+
+@pytest.fixture
+def converted(found, tmp_path):
+    """The rows of joints in metres that `convert` writes."""
+    result = tmp_path / "fit.h5"
+    output = tmp_path / "x.metres.csv"
+    shapefit.write_results(result, found)
+    arguments = {"files": [str(result)], "output": str(output)}
+    list(convert.convert_files(load_config("convert", arguments=arguments)))
+    with output.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_joints_in_metres_are_those_that_convert_writes(found, converted):
+    table = metres_of(found)
+    landmarks = [row["landmark"] for row in converted]
+    assert list(table.dtype.names) == [*converted[0], "sequence"]
     for name in ("frame", "time", "x", "y", "z", "sd"):
-        np.testing.assert_allclose(
-            [float(row[name]) for row in rows], table[name], rtol=1e-6
-        )
-    assert [row["landmark"] for row in rows] == table["landmark"].tolist()
-    assert {row["trusted"] for row in rows} == {"true"}
-    assert table["trusted"].all()
+        expected = [float(row[name]) for row in converted]
+        np.testing.assert_allclose(table[name], expected, rtol=1e-6)
+    assert table["landmark"].tolist() == landmarks
 
 
-def test_the_height_of_a_body_is_that_of_the_fit(visible, tmp_path):
+def test_trust_of_joints_is_that_of_convert(found, converted):
+    assert {row["trusted"] for row in converted} == {"true"}
+    assert metres_of(found)["trusted"].all()
+
+
+@pytest.fixture(scope="module")
+def small(visible):
+    """A fit of a body of 1.2 m, by a method that trusts nothing."""
     images = visible.replaced(frame_rate=25)[:12]
-    small = shapefit.fit(images, "people", method="convex", height=1.2)
-    table, tall = small.metres, small.to_metres(height=1.8)
+    return shapefit.fit(images, "people", method="convex", height=1.2)
+
+
+def test_a_table_in_metres_has_times_and_trust(small):
+    table = small.metres
     assert table["time"][-1] == 11 / 25
     assert not table["trusted"].any()
-    moved, twice = (each["x"] - each["x"][0] for each in (table, tall))
-    np.testing.assert_allclose(twice, 1.5 * moved, atol=1e-9)
-    shapefit.write_results(tmp_path / "small.metres.csv", small)
-    written = np.genfromtxt(tmp_path / "small.metres.csv", delimiter=",", names=True)
-    np.testing.assert_allclose(written["x"], table["x"], rtol=1e-6)
+
+
+def test_another_height_scales_the_metres(small):
+    x = small.metres["x"]
+    x_of_tall = small.to_metres(height=1.8)["x"]
+    np.testing.assert_allclose(x_of_tall - x_of_tall[0], 1.5 * (x - x[0]), atol=1e-9)
+
+
+def test_the_height_of_a_body_is_that_of_the_fit(small, tmp_path):
+    path = tmp_path / "small.metres.csv"
+    shapefit.write_results(path, small)
+    written = np.genfromtxt(path, delimiter=",", names=True)
+    np.testing.assert_allclose(written["x"], small.metres["x"], rtol=1e-6)
 
 
 def test_what_has_no_size_has_no_metres(keypoints):
     atoms = shapefit.read_dictionary("people").atoms[:, :15]
-    alone = shapefit.fit(keypoints[:2, :15, :2], shapefit.Dictionary(atoms=atoms))
-    with pytest.raises(
-        shapefit.InputError, match=r"metres is not known .*; give it, .* `height=1"
-    ):
-        _ = alone.metres
+    dictionary = shapefit.Dictionary(atoms=atoms)
+    fit = shapefit.fit(keypoints[:2, :15, :2], dictionary)
+    fault = r"metres is not known .*; give it, .* `height=1"
+    with pytest.raises(shapefit.InputError, match=fault):
+        _ = fit.metres
 
 
 class Table(dict):
@@ -172,20 +205,33 @@ class Table(dict):
         self.attrs = {}
 
 
-@pytest.mark.parametrize(
+IN_PANDAS = pytest.mark.parametrize(
     "pandas", [Mock(DataFrame=Table), pytest.param(None, marks=pytest.mark.slow)]
 )
+"""A stand-in, and pandas itself, which need not be installed."""
+
+
+FRAMES = np.arange(36)
+
+
+@IN_PANDAS
 def test_tables_of_other_libraries(found, monkeypatch, pandas):
-    if pandas is not None:  # a stand-in where it is not installed
+    if pandas is not None:
         monkeypatch.setitem(sys.modules, "pandas", pandas)
     table = found.to_pandas()
-    assert list(table)[:5] == ["item", "landmark", "x", "y", "z"]
-    assert list(table["frame"]) == np.repeat(np.arange(36), 21).tolist()
-    assert list(table["time"]) == list(table["frame"])
-    clock = np.where(np.arange(36) < 9, np.nan, 3.0 * np.arange(36))
-    timed = found.replaced(times=clock).to_pandas()
-    expected = np.where(np.isnan(clock), np.arange(36), clock)
-    assert list(timed["time"]) == np.repeat(expected, 21).tolist()
     points = np.column_stack([table["x"], table["y"], table["z"]])
+    assert list(table)[:5] == ["item", "landmark", "x", "y", "z"]
+    assert list(table["frame"]) == np.repeat(FRAMES, 21).tolist()
+    assert list(table["time"]) == list(table["frame"])
     np.testing.assert_array_equal(points, found.shapes.reshape(-1, 3))
     assert table.attrs == {"unit": "unknown", "y_axis": "down"}
+
+
+@IN_PANDAS
+def test_times_that_are_not_known_are_frames(found, monkeypatch, pandas):
+    if pandas is not None:
+        monkeypatch.setitem(sys.modules, "pandas", pandas)
+    clock = np.where(FRAMES < 9, np.nan, 3.0 * FRAMES)
+    table = found.replaced(times=clock).to_pandas()
+    expected = np.where(np.isnan(clock), FRAMES, clock)
+    assert list(table["time"]) == np.repeat(expected, 21).tolist()

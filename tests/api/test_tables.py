@@ -23,17 +23,19 @@ def check_commands(folder, shapes, items):
         done = run_in(folder, *command)
         assert done.returncode == 0, done.stderr
     read = shapefit.read_shapes(folder / "again.h5")
+    report = (folder / "report/report.csv").read_text(encoding="utf-8")
+    first, *_ = csv.DictReader(report.splitlines())
     np.testing.assert_array_equal(read.shapes, shapes)
     assert read.items == items
-    report = (folder / "report/report.csv").read_text(encoding="utf-8")
-    assert next(csv.DictReader(report.splitlines()))["images"] == str(len(items))
+    assert first["images"] == str(len(items))
 
 
 def write_truth(folder, fit):
     """Write the fit, and its shapes as the truth."""
-    shapefit.write_results(folder / "fit.h5", fit)
     names = {"landmark_names": fit.landmark_names, "items": fit.items}
-    shapefit.write_shapes(folder / "truth.h5", shapefit.Shapes(fit.shapes, **names))
+    truth = shapefit.Shapes(fit.shapes, **names)
+    shapefit.write_results(folder / "fit.h5", fit)
+    shapefit.write_shapes(folder / "truth.h5", truth)
 
 
 @pytest.fixture
@@ -53,16 +55,23 @@ def fit(rng):
     )
 
 
-def test_row_numbers_and_reasons_are_passed_over(tmp_path, fit):
-    """As `to_csv` writes them, where pandas is not installed."""
-    header = ["", "item", "landmark", "x", "y", "z", "frame", "time", "sequence"]
-    with (tmp_path / "fit.csv").open("w", newline="", encoding="utf-8") as file:
+HEADER = ["", "item", "landmark", "x", "y", "z", "frame", "time", "sequence"]
+
+
+def write_as_pandas(path, fit):
+    """Write a fit as `to_csv` does, where pandas is not installed."""
+    with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow([*header, "trusted", "reasons"])
-        for number, (row, column) in enumerate(np.ndindex(4, 6)):
+        table.writerow([*HEADER, "trusted", "reasons"])
+        for number, (row, column) in enumerate(np.ndindex(fit.shapes.shape[:2])):
             names = [number, fit.items[row], fit.landmark_names[column]]
-            told = [row, row / 50, "walk", fit.trusted[row], fit.reasons[row]]
-            table.writerow([*names, *fit.shapes[row, column].tolist(), *told])
+            point = fit.shapes[row, column].tolist()
+            of_item = [row, row / 50, "walk", fit.trusted[row], fit.reasons[row]]
+            table.writerow([*names, *point, *of_item])
+
+
+def test_row_numbers_and_reasons_are_passed_over(tmp_path, fit):
+    write_as_pandas(tmp_path / "fit.csv", fit)
     write_truth(tmp_path, fit)
     check_commands(tmp_path, fit.shapes, fit.items)
 
@@ -71,10 +80,12 @@ def test_row_numbers_and_reasons_are_passed_over(tmp_path, fit):
 @pytest.mark.parametrize("index", [True, False])
 def test_what_to_csv_writes_every_command_reads(tmp_path, fit, index):
     pytest.importorskip("pandas")
+    path = tmp_path / "fit.csv"
     table = fit.to_pandas()
-    assert table.attrs == {"unit": "unknown", "y_axis": "down", "frame_rate": 50.0}
-    table.to_csv(tmp_path / "fit.csv", index=index)
+    table.to_csv(path, index=index)
     write_truth(tmp_path, fit)
     check_commands(tmp_path, fit.shapes, fit.items)
-    read = shapefit.read_results(tmp_path / "fit.csv")
-    assert (read.frame_rate, read.frames.tolist()) == (50.0, [0, 1, 2, 3])
+    read = shapefit.read_results(path)
+    assert table.attrs == {"unit": "unknown", "y_axis": "down", "frame_rate": 50.0}
+    assert read.frame_rate == 50.0
+    assert read.frames.tolist() == [0, 1, 2, 3]

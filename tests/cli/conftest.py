@@ -15,10 +15,8 @@ def run_in(folder: Path, *arguments: object, text: str = "") -> SimpleNamespace:
     """Run the command line in a folder, in this process, with a text as standard
     input.
     """
-    stdin, stdout = (
-        io.TextIOWrapper(io.BytesIO(text.encode())),
-        io.TextIOWrapper(io.BytesIO()),
-    )
+    stdin = io.TextIOWrapper(io.BytesIO(text.encode()))
+    stdout = io.TextIOWrapper(io.BytesIO())
     with (
         chdir(folder),
         patch.object(sys, "stdin", stdin),

@@ -223,7 +223,8 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
     line, outcomes, code, told = TOLD[case]
     fake_pipeline(PIPELINES["fit"], outcomes)
     done = shapefit(*line.split())
-    assert (done.code, done.out) == (code, "")
+    assert done.code == code
+    assert done.out == ""
     assert re.fullmatch(told, done.err, re.DOTALL), done.err
 
 
@@ -235,7 +236,8 @@ def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
         [Result(note="ours"), Result(note="| table |", written=report)],
     )
     done = shapefit(*EVAL.split(), *quiet)
-    assert (done.code, done.out) == (0, "| table |\n")
+    assert done.code == 0
+    assert done.out == "| table |\n"
     assert done.err == ("" if quiet else "Wrote   report/report.html\n")
 
 
@@ -245,11 +247,9 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "dict.h5")
-    assert (config.output, config.lam, config.outliers) == (
-        folder / "out.csv",
-        1e-3,
-        "l1",
-    )
+    assert config.output == folder / "out.csv"
+    assert config.lam == 1e-3
+    assert config.outliers == "l1"
     configs = fake_pipeline(
         PIPELINES["view"], [Result(done=3, written=(folder / "page.html",))]
     )
@@ -264,10 +264,8 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
         "views": (folder / "views.h5",),
     }
     assert config.truth == (folder / "shapes.h5", folder / "views.h5")
-    assert (config.dictionary, config.output) == (
-        folder / "dict.h5",
-        folder / "page.html",
-    )
+    assert config.dictionary == folder / "dict.h5"
+    assert config.output == folder / "page.html"
     assert config.images == folder / "frames"
     assert re.fullmatch(
         r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n",
@@ -288,7 +286,8 @@ def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
     assert asked == [
         verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))
     ]
-    assert (told.code, told.out) == (1, "| claim |\n")
+    assert told.code == 1
+    assert told.out == "| claim |\n"
     assert told.err == "Failed: a: the objective is P: off by 1\n"
 
 
@@ -331,7 +330,8 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
     assert listed == {row.name for row in rows(CONFIGS[command])}
     told = shapefit(command, "--print-config")
-    assert (told.code, told.err) == (0, "")
+    assert told.code == 0
+    assert told.err == ""
     printed = {
         line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
     }
@@ -351,7 +351,8 @@ def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch
         )
         with pytest.raises(SystemExit) as ended:
             main.main()
-        assert (ended.value.code, os.environ["OPENBLAS_NUM_THREADS"]) == (0, used)
+        assert ended.value.code == 0
+        assert os.environ["OPENBLAS_NUM_THREADS"] == used
 
 
 def test_what_a_terminal_would_obey_is_shown_as_an_escape():
@@ -376,7 +377,9 @@ def test_the_numbers_of_a_command_are_those_of_the_page(shapefit, fake_pipeline)
     )
     told = json.loads(shapefit(*FIT.split(), "--json").out)
     numbers = told["numbers"]
-    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (3, 1, 2)
+    assert numbers["images"] == 3
+    assert numbers["failed"] == 1
+    assert numbers["trusted"] == 2
     assert numbers["largest_gap"] == 1e-7
     assert numbers["camera"] == {
         "perspective": True,
@@ -394,7 +397,9 @@ def test_a_command_without_numbers_has_the_same_keys(shapefit, fake_pipeline):
     fake_pipeline(PIPELINES["view"], [Result(done=3)])
     numbers = json.loads(shapefit("view", "result.h5", "--json").out)["numbers"]
     assert set(numbers) == {*Numbers._fields, "failed"}
-    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (None, 0, None)
+    assert numbers["images"] is None
+    assert numbers["failed"] == 0
+    assert numbers["trusted"] is None
 
 
 @pytest.mark.parametrize(("columns", "is_bar"), [(80, True), (0, False)])

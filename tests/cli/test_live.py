@@ -220,7 +220,8 @@ def test_landmarks_that_the_first_item_lacks(world, images, tmp_path):
 def test_what_cannot_be_live_is_refused_with_the_fix(tmp_path, arguments, told):
     (tmp_path / "views.csv").write_text("item,landmark,x,y\n")
     done = run_in(tmp_path, "fit", "--live", *arguments, text="item,landmark,x,y\n")
-    assert (done.returncode, done.stdout) == (2, "")
+    assert done.returncode == 2
+    assert done.stdout == ""
     assert done.stderr.startswith("Error: --live: ")
     assert told in done.stderr
 

@@ -274,7 +274,8 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(
     fitted, command, unbuffered
 ):
     code, out, told = shell(f"{command} >/dev/full", fitted, unbuffered)
-    assert (code, out) == (2, "")
+    assert code == 2
+    assert out == ""
     assert "Error: standard output: " in told
     assert "free some" in told
 

@@ -123,7 +123,8 @@ print(json.dumps(found))
 def test_a_fit_without_a_home_writes_its_output_alone_and_reads_one_word_itself(
     project, tmp_path
 ):
-    views, out = project / "sample_data/one_person.csv", tmp_path / "out"
+    views = project / "sample_data/one_person.csv"
+    out = tmp_path / "out"
     out.mkdir()
     done = subprocess.run(
         [

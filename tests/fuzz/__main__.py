@@ -124,7 +124,8 @@ def run(cases: list[Case]) -> Tally:
     with tempfile.TemporaryDirectory(
         dir=IN_MEMORY if IN_MEMORY.is_dir() else None
     ) as folder:
-        base, work = Path(folder) / "base", Path(folder) / "case"
+        base = Path(folder) / "base"
+        work = Path(folder) / "case"
         base.mkdir()
         with silenced():
             make_base_files(base)

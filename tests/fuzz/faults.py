@@ -168,7 +168,8 @@ class Bench:
         return "" if states <= wanted else f"{word}: outputs are {sorted(states)}"
 
     def _state(self, name: str, data: bytes | None) -> str:
-        old, new = self._old.get(name), self._new.get(name)
+        old = self._old.get(name)
+        new = self._new.get(name)
         if old == new:
             return "same" if data == old else "damaged"
         if data == old:

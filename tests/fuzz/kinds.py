@@ -72,7 +72,7 @@ def make_base_files(folder: Path) -> None:
     rng = np.random.default_rng(0)
     few = people.take(np.linspace(0, len(people) - 1, ITEMS).astype(int))
     meshed = Shapes(
-        few.as_columns().swapaxes(1, 2),
+        few.points,
         landmark_names=few.landmark_names,
         items=few.items,
         sequences=tuple("ab"[number % 2] for number in range(ITEMS)),

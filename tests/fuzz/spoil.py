@@ -201,10 +201,8 @@ def _cells(rng: Random, rows: Rows) -> None:
 
 def _columns(rng: Random, rows: Rows) -> None:
     """Drop a column, or add one."""
-    place, name = (
-        rng.randrange(len(rows[0])),
-        rng.choice(("confidence", "sequence", "z", "weight")),
-    )
+    place = rng.randrange(len(rows[0]))
+    name = rng.choice(("confidence", "sequence", "z", "weight"))
     for number, row in enumerate(rows):
         value = rng.choice(NUMBERS + NAMES)
         row[place : place + 1] = (
@@ -216,7 +214,8 @@ def _columns(rng: Random, rows: Rows) -> None:
 
 def _rows(rng: Random, rows: Rows) -> None:
     """Drop, repeat, empty or shuffle rows, or change the width of one."""
-    start, row = rng.randrange(1, len(rows) + 1), rng.choice(rows)
+    start = rng.randrange(1, len(rows) + 1)
+    row = rng.choice(rows)
     match rng.randrange(3):
         case 0:
             new = rng.choice(([], rows[1:3], [[]], [[""] * 9]))

@@ -39,7 +39,8 @@ def folder(tmp_path_factory):
     assert run(["fit", f"{data}/openpose", *options, "-o", walk]) == 0
     for suffix in ("mot", "trc", "c3d", "bvh", "nc", "toml"):
         assert run(["convert", walk, "-o", str(folder / f"walk.{suffix}")]) == 0
-    cars, fitted = str(folder / "cars.h5"), str(folder / "fitted.h5")
+    cars = str(folder / "cars.h5")
+    fitted = str(folder / "fitted.h5")
     learn = ["--method", "exemplars", "--set", "align=none", "-o", cars]
     assert run(["learn-dict", f"{data}/cars.h5", *learn]) == 0
     convex = ["--method", "convex+refine", "-o", fitted]
@@ -80,7 +81,8 @@ def test_points_in_trc_c3d_and_bvh_are_those_that_were_written(folder):
     trc, c3d, bvh = judge(*(stem.with_suffix(end) for end in (".trc", ".c3d", ".bvh")))
     written = read_shapes([stem.with_suffix(".trc")])
     expected = written.shapes
-    assert (trc["unit"], c3d["unit"]) == ("m", "mm")
+    assert trc["unit"] == "m"
+    assert c3d["unit"] == "mm"
     assert trc["labels"] == c3d["labels"] == list(written.landmark_names)
     np.testing.assert_allclose(trc["points"], expected, atol=1e-6)
     np.testing.assert_allclose(np.array(c3d["points"]) / 1000, expected, atol=1e-6)

@@ -2,10 +2,12 @@
 
 import dataclasses
 import io
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from threading import Thread
 
 import h5py
 import numpy as np
@@ -14,12 +16,11 @@ import pytest
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import (
-    read_shapes,
     write_dictionary,
     write_shapes,
 )
 from shapefit.records import Fit, Landmarks, Shapes
-from tests.io.files import load, save
+from tests.io.files import load, read_shape_file, save
 
 NAMES = ("head", "left hand", "right hand", "foot")
 
@@ -27,12 +28,12 @@ NAMES = ("head", "left hand", "right hand", "foot")
 @pytest.fixture
 def shapes(rng) -> Shapes:
     return Shapes(
-        rng.normal(size=(5, 3, 4)).swapaxes(1, 2),
+        rng.normal(size=(5, 4, 3)),
         landmark_names=NAMES,
         items=tuple(f"walk/{i}" for i in range(5)),
         sequences=("walk",) * 3 + ("run",) * 2,
         edges=np.array([[0, 1], [0, 2], [0, 3]]),
-        mesh_vertices=rng.normal(size=(5, 3, 6)).swapaxes(1, 2),
+        mesh_vertices=rng.normal(size=(5, 6, 3)),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
         mirror_index=np.array([0, 2, 1, 3]),
@@ -42,32 +43,40 @@ def shapes(rng) -> Shapes:
 
 @pytest.fixture
 def landmarks(rng) -> Landmarks:
-    points = rng.normal(size=(5, 2, 4))
-    points[1, :, 2] = np.nan
+    points = rng.normal(size=(5, 4, 2))
+    points[1, 2] = np.nan
+    extras = {
+        "true_rotation": rng.normal(size=(5, 3, 3)),
+        "true_model": np.array(list("vwxyz"), dtype=object),
+    }
+    file_extras = {
+        "camera_matrix": np.eye(3),
+        "maker": np.array("José", dtype=object),
+    }
     return Landmarks(
-        points.swapaxes(1, 2),
+        points,
         confidence=rng.uniform(size=(5, 4)),
         landmark_names=NAMES,
         items=tuple(f"image {i}" for i in range(5)),
         sequences=("a", "a", "b", "b", "b"),
         unit="px",
         y_axis="down",
-        extras={
-            "true_rotation": rng.normal(size=(5, 3, 3)),
-            "true_model": np.array(list("vwxyz"), dtype=object),
-        },
-        file_extras={
-            "camera_matrix": np.eye(3),
-            "maker": np.array("José", dtype=object),
-        },
+        extras=extras,
+        file_extras=file_extras,
     )
 
 
 @pytest.fixture
 def results(rng, landmarks) -> Fit:
+    attributes = {
+        "method": "convex",
+        "solve_seconds": 1.5,
+        "count": 5,
+        "version": "0.1.0",
+    }
     return Fit(
-        rng.normal(size=(5, 3, 4)).swapaxes(1, 2),
-        landmarks_fitted=rng.normal(size=(5, 2, 4)).swapaxes(1, 2),
+        rng.normal(size=(5, 4, 3)),
+        landmarks_fitted=rng.normal(size=(5, 4, 2)),
         coefficients=rng.normal(size=(5, 7)),
         rotation=rng.normal(size=(5, 3, 3)),
         translation=rng.normal(size=(5, 2)),
@@ -80,17 +89,12 @@ def results(rng, landmarks) -> Fit:
         items=landmarks.items,
         sequences=landmarks.sequences,
         transforms=rng.normal(size=(5, 7, 2, 3)),
-        mesh_vertices=rng.normal(size=(5, 3, 6)).swapaxes(1, 2),
+        mesh_vertices=rng.normal(size=(5, 6, 3)),
         extras=landmarks.extras,
         file_extras=landmarks.file_extras,
         unit="px",
         y_axis="down",
-        attributes={
-            "method": "convex",
-            "solve_seconds": 1.5,
-            "count": 5,
-            "version": "0.1.0",
-        },
+        attributes=attributes,
     )
 
 
@@ -206,7 +210,7 @@ def edit() -> Callable[..., Path]:
 
 
 @pytest.fixture
-def csv(tmp_path) -> Callable[..., Path]:
+def csv_table(tmp_path) -> Callable[..., Path]:
     """Write a CSV file and return its path."""
 
     def write(text: str | bytes, name: str = "table.csv") -> Path:
@@ -218,11 +222,30 @@ def csv(tmp_path) -> Callable[..., Path]:
 
 
 @pytest.fixture
+def fill_pipe(tmp_path):
+    """Return a named pipe that a thread fills with these bytes."""
+    writers = []
+
+    def fill(data: bytes) -> Path:
+        pipe = tmp_path / "pipe"
+        os.mkfifo(pipe)
+        writer = Thread(target=pipe.write_bytes, args=(data,))
+        writer.start()
+        writers.append(writer)
+        return pipe
+
+    yield fill
+    for writer in writers:
+        writer.join()
+
+
+@pytest.fixture
 def standard_input(monkeypatch) -> Callable[[str], None]:
     """Put a text on standard input."""
 
     def give(text: str) -> None:
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        stream = io.BytesIO(text.encode())
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(stream))
 
     return give
 
@@ -237,4 +260,4 @@ def read_views():
 @pytest.fixture
 def read_one():
     """Return what reads a file of shapes."""
-    return lambda path: read_shapes([path])
+    return read_shape_file

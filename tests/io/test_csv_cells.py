@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from shapefit.io.csv_cells import ListedCells, split_cells
+from shapefit.io.csv_cells import ListedCells, read_numbers, read_rows, split_cells
 
 NUMBERS = st.floats().map(repr)
 LIKE_NUMBERS = st.text(st.sampled_from("00123456789..--+eE infatyx_ü\t"), max_size=9)
@@ -17,7 +17,8 @@ def both(texts):
     text = "".join(f"a,{cell}\n" for cell in texts)
     split = split_cells(text, ["left", "right"], 1)
     lines = np.arange(1, len(texts) + 1)
-    return split, ListedCells(lines, {"left": ["a"] * len(texts), "right": texts})
+    listed = ListedCells(lines, {"left": ["a"] * len(texts), "right": texts})
+    return split, listed
 
 
 @given(st.lists(NUMBERS | LIKE_NUMBERS, min_size=1, max_size=8))
@@ -26,11 +27,11 @@ def both(texts):
 @settings(max_examples=500)
 def test_numbers_are_the_same(texts):
     split, listed = both(texts)
-    found, strange = split.numbers("right")
-    expected, strange_listed = listed.numbers("right")
-    np.testing.assert_array_equal(found, expected)
-    np.testing.assert_array_equal(np.signbit(found), np.signbit(expected))
-    np.testing.assert_array_equal(strange, strange_listed)
+    values, strange = split.numbers("right")
+    expected, expected_strange = listed.numbers("right")
+    np.testing.assert_array_equal(values, expected)
+    np.testing.assert_array_equal(np.signbit(values), np.signbit(expected))
+    np.testing.assert_array_equal(strange, expected_strange)
 
 
 @given(st.lists(TEXTS, min_size=1, max_size=30))
@@ -39,13 +40,91 @@ def test_numbers_are_the_same(texts):
 def test_texts_are_numbered_as_they_come(texts):
     split, listed = both(texts)
     numbers, names = split.texts("right")
-    assert [names[number] for number in numbers] == texts
     expected_numbers, expected_names = listed.texts("right")
-    assert (numbers.tolist(), names) == (expected_numbers.tolist(), expected_names)
+    assert [names[number] for number in numbers] == texts
+    assert names == expected_names
+    np.testing.assert_array_equal(numbers, expected_numbers)
 
 
 @pytest.mark.parametrize("size", [1, 7, 8, 9, 64])
 def test_texts_of_any_size_are_read_to_their_end(size):
-    split, _ = both(["x" * size])
-    assert split.cell("right", 0) == "x" * size
-    assert split.texts("right")[1] == ["x" * size]
+    text = "x" * size
+    split, _ = both([text])
+    _, names = split.texts("right")
+    assert split.cell("right", 0) == text
+    assert names == [text]
+
+
+@given(st.text(st.sampled_from('aaa,,,\n\n"\r'), min_size=1, max_size=12))
+@example("a,a,a\na")
+@settings(max_examples=300)
+def test_what_is_split_is_never_read_in_another_way(text):
+    cells = split_cells(text, ["left", "right"], 1)
+    if cells is None:
+        return  # the core leaves it to Python
+    rows = [row for _, row in read_rows([text], 1, "name")]
+    assert len(cells.lines) == len(rows)
+    for number, row in enumerate(rows):
+        assert [cells.cell(column, number) for column in ("left", "right")] == row
+
+
+PYTHON_NUMBERS = [
+    "1",
+    "-0.0",
+    "+1",
+    "1.",
+    ".5",
+    "007",
+    "1e5",
+    "1E+5",
+    " 1\t",
+    "inf",
+    "-Infinity",
+    "1e400",
+    "5e-324",
+    "1.7976931348623157e308",
+    "18446744073709551617",
+    "0.1000000000000000055511151231257827",
+    "",
+    " ",
+    "nan",
+    "NaN",
+    "-nan",
+]
+"""What `float` reads, and empty cells, which are unknown."""
+
+
+@pytest.mark.parametrize("text", PYTHON_NUMBERS)
+def test_numbers_are_those_of_python(text):
+    expected = float(text.strip() or "nan")
+    for cells in ([text], [text, "2"], ["", text]):
+        values, strange = read_numbers(cells)
+        value = values[cells.index(text)]
+        assert not strange.any()
+        np.testing.assert_equal(value, expected)
+
+
+NO_NUMBERS = [
+    "one",
+    "1_000",
+    "１",
+    "null",
+    "true",
+    "[1]",
+    "1,2",
+    "{}",
+    '"1"',
+    "1 2",
+    "0x10",
+    "1d5",
+    "--1",
+]
+"""Cells that one reader or another would take for numbers."""
+
+
+@pytest.mark.parametrize("text", NO_NUMBERS)
+def test_what_is_no_number_is_strange(text):
+    for cells in ([text], ["1", text, ""], ["", text]):
+        _, strange = read_numbers(cells)
+        strange_cells = [cells[row] for row in np.flatnonzero(strange)]
+        assert strange_cells == [text]

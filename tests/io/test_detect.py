@@ -174,7 +174,8 @@ def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
     options = InputOptions(keypoints="numbered")
     plain, found = (whole(path, options) for path in (tmp_path / name, packed))
     np.testing.assert_array_equal(found.landmarks, plain.landmarks)
-    assert (found.items, found.sequences) == (plain.items, plain.sequences)
+    assert found.items == plain.items
+    assert found.sequences == plain.sequences
     assert detect_format(packed) is detect_format(tmp_path / name)
     packed.write_bytes(gzip.compress(content)[:-8])  # cut off
     assert "cannot be unpacked" in refusal(packed)

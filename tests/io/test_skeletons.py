@@ -19,7 +19,8 @@ from shapefit.io.skeletons import (
 from tests.io.files import mirror_pairs
 
 JOINTS = (*PEOPLE, *FURTHER)
-SKELETONS, PARTS = installed_skeletons(), parts_of_the_body()
+SKELETONS = installed_skeletons()
+PARTS = parts_of_the_body()
 UNPAIRED = {"nose", "neck", "head", "midhip", "hip", "spine", "thorax"}
 MEAN = {name: parameter.mean for name, parameter in THETA.items()}
 

@@ -31,146 +31,214 @@ def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
     return warnings(run(config))
 
 
+IMAGE_COUNT = 9000
+
+
 @pytest.fixture
-def landmarks(tmp_path, rng) -> Landmarks:
-    points = rng.normal(size=(9000, 2, 4))
-    points[3, :, 1] = np.nan
-    images = Landmarks(
-        points.swapaxes(1, 2),
-        confidence=rng.uniform(size=(9000, 4)),
+def landmarks(rng) -> Landmarks:
+    points = rng.normal(size=(IMAGE_COUNT, 4, 2))
+    points[3, 1] = np.nan
+    return Landmarks(
+        points,
+        confidence=rng.uniform(size=(IMAGE_COUNT, 4)),
         landmark_names=NAMES,
-        items=tuple(f"i{n}" for n in range(9000)),
-        sequences=tuple(f"s{n // 3000}" for n in range(9000)),
+        items=tuple(f"i{n}" for n in range(IMAGE_COUNT)),
+        sequences=tuple(f"s{n // 3000}" for n in range(IMAGE_COUNT)),
         unit="px",
         y_axis="down",
         frame_rate=50.0,
-        extras={"age": np.arange(9000)},
+        extras={"age": np.arange(IMAGE_COUNT)},
     )
-    save(tmp_path / "views.h5", images)
-    return images
 
 
-def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
-    assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
-    same = load(tmp_path / "same.h5")
-    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
+@pytest.fixture
+def views_file(tmp_path, landmarks) -> Path:
+    path = tmp_path / "views.h5"
+    save(path, landmarks)
+    return path
+
+
+RETAINED = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
+
+
+def test_landmarks_keep_everything_in_hdf5(tmp_path, views_file, landmarks):
+    output = tmp_path / "same.h5"
+    assert convert(views_file, output=output) == []
+    same = load(output)
+    np.testing.assert_array_equal(same.points, landmarks.points)
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
     np.testing.assert_array_equal(same.column("age"), landmarks.column("age"))
-    retained = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
-    assert all(getattr(same, name) == getattr(landmarks, name) for name in retained)
+    for name in RETAINED:
+        assert getattr(same, name) == getattr(landmarks, name)
 
 
-def test_landmarks_to_csv_and_back(tmp_path, landmarks):
-    convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
-    convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
-    same = load(tmp_path / "back.h5")
-    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
+def test_landmarks_to_csv_and_back(tmp_path, views_file, landmarks):
+    table = tmp_path / "views.csv"
+    back = tmp_path / "back.h5"
+    convert(views_file, output=table)
+    convert(table, output=back)
+    same = load(back)
+    np.testing.assert_array_equal(same.points, landmarks.points)
     assert same.sequences == landmarks.sequences
 
 
-def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
-    convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", min_confidence=0.5)
-    sure = load(tmp_path / "sure.h5")
+def test_doubtful_landmarks_are_hidden(tmp_path, views_file, landmarks):
+    output = tmp_path / "sure.h5"
+    convert(views_file, output=output, min_confidence=0.5)
     doubtful = landmarks.confidence < 0.5
-    assert np.isnan(sure.as_columns()[:, 0][doubtful]).all()
-    np.testing.assert_array_equal(
-        np.isnan(sure.as_columns()[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
-    )
+    unseen = np.isnan(landmarks.points[..., 0])
+    hidden = np.isnan(load(output).points[..., 0])
+    np.testing.assert_array_equal(hidden, doubtful | unseen)
 
 
-def test_a_result_keeps_its_proof(world, tmp_path):
-    dictionary = world.dictionary("people")
-    result = world.fit("people", images=world.views("people"))
-    convert(result, output=tmp_path / "again.h5")
-    assert shapefit(["verify", str(tmp_path / "again.h5"), "-d", str(dictionary)]) == 0
-    convert(result, output=tmp_path / "result.csv")
-    np.testing.assert_array_equal(
-        read_results(tmp_path / "result.csv").as_columns(),
-        read_results(result).as_columns(),
-    )
+@pytest.fixture
+def result_of_people(world) -> Path:
+    return world.fit("people", images=world.views("people"))
+
+
+def test_a_result_keeps_its_proof(world, result_of_people, tmp_path):
+    again = str(tmp_path / "again.h5")
+    dictionary = str(world.dictionary("people"))
+    convert(result_of_people, output=Path(again))
+    assert shapefit(["verify", again, "-d", dictionary]) == 0
+
+
+def test_a_table_has_the_shapes_of_a_result(result_of_people, tmp_path):
+    table = tmp_path / "result.csv"
+    convert(result_of_people, output=table)
+    expected = read_results(result_of_people).shapes
+    np.testing.assert_array_equal(read_results(table).shapes, expected)
+
+
+FRAMES_WALKED = 43
+
+
+@pytest.fixture
+def walkers(tmp_path, rng):
+    """Write two who walk for 43 frames at 30 Hz, of whom the second is missing in some;
+    return the file and the frames of its items.
+    """
+
+    def write(first):
+        every_frame = np.arange(first, first + FRAMES_WALKED)
+        frames = np.r_[every_frame, np.delete(every_frame, [4, 5, 9])]
+        path = tmp_path / "walk.h5"
+        shapes = Shapes(
+            rng.normal(size=(len(frames), 4, 3)),
+            landmark_names=NAMES,
+            items=tuple(f"i{n}" for n in range(len(frames))),
+            sequences=("walk/a",) * FRAMES_WALKED + ("walk/b",) * 40,
+            unit="m",
+            frame_rate=30.0,
+            frames=frames,
+        )
+        write_shapes(path, shapes)
+        return path, frames
+
+    return write
 
 
 @pytest.mark.parametrize("every", [1, 2, 7])
 @pytest.mark.parametrize("first", [0, 3])
-def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
-    """1.40 s of walking last 1.40 s, whoever is missing where, and both walkers stay in
-    step.
-    """
-    frames = np.r_[
-        np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])
-    ]
-    shapes = Shapes(
-        rng.normal(size=(len(frames), 3, 4)).swapaxes(1, 2),
-        landmark_names=NAMES,
-        items=tuple(f"i{n}" for n in range(len(frames))),
-        sequences=("walk/a",) * 43 + ("walk/b",) * 40,
-        unit="m",
-        frame_rate=30.0,
-        frames=frames,
-    )
-    write_shapes(tmp_path / "walk.h5", shapes)
-    convert(tmp_path / "walk.h5", output=tmp_path / "thin.h5", every=every)
-    thin = read_shapes([tmp_path / "thin.h5"])
+def test_thinned_frames_keep_their_times(tmp_path, walkers, every, first):
+    """Both walkers stay in step."""
+    walk, frames = walkers(first)
+    thin_file = tmp_path / "thin.h5"
+    convert(walk, output=thin_file, every=every)
+    thin = read_shapes([thin_file])
+    kept = frames[[int(item[1:]) for item in thin.items]]
     start = first % every / 30
-    rows = [int(item[1:]) for item in thin.items]
-    times = thin.column("frame") / thin.frame_rate + start
-    np.testing.assert_allclose(times, frames[rows] / 30, atol=1e-12)
-    assert {*frames[rows]} == {*range(first, first + 43, every)}
+    times = thin.frames / thin.frame_rate + start
+    np.testing.assert_allclose(times, kept / 30, atol=1e-12)
+    assert {*kept} == {*range(first, first + FRAMES_WALKED, every)}
+
+
+@pytest.mark.parametrize("every", [1, 2, 7])
+@pytest.mark.parametrize("first", [0, 3])
+def test_thinned_motion_lasts_as_long(tmp_path, walkers, every, first):
+    """1.40 s of walking last 1.40 s, whoever is missing where."""
+    walk, _ = walkers(first)
+    convert(walk, output=tmp_path / "thin.h5", every=every)
     convert(tmp_path / "thin.h5", output=tmp_path / "thin.trc", up="y")
     table = np.genfromtxt(tmp_path / "thin_a.trc", skip_header=5)
-    assert table[-1, 1] - table[0, 1] == pytest.approx(42 // every * every / 30)
+    times = table[:, 1]
+    last_kept = (FRAMES_WALKED - 1) // every * every
+    assert times[-1] - times[0] == pytest.approx(last_kept / 30)
     assert np.isfinite(table).all()
 
 
 @pytest.fixture
-def walk(world, tmp_path, monkeypatch) -> Path:
+def walk(world, result_of_people, tmp_path, monkeypatch) -> Path:
     """A result of one sequence of 80 frames at 30 Hz, and its truth."""
     monkeypatch.chdir(tmp_path)
-    result = read_results(world.fit("people", images=world.views("people")))
+    result = read_results(result_of_people)
     truth = read_shapes([world.truth("people")])
-    name = (result.sequences or ())[0]
-    for path, records in (("result.h5", result), ("truth.h5", truth)):
-        rows = np.flatnonzero([sequence == name for sequence in records.sequences])
-        save(tmp_path / path, records.take(rows).replaced(frame_rate=30.0))
+    name = result.sequences[0]
+    for path, record in (("result.h5", result), ("truth.h5", truth)):
+        rows = np.flatnonzero(np.array(record.sequences) == name)
+        save(tmp_path / path, record.take(rows).replaced(frame_rate=30.0))
     return tmp_path / "result.h5"
 
 
 @pytest.mark.parametrize("ending", ["trc", "c3d", "metres.csv"])
 def test_what_fit_writes_can_be_judged(walk, ending, capsys):
-    convert(walk, output=walk.with_name(f"walk.{ending}"))
+    name = f"walk.{ending}"
+    convert(walk, output=walk.with_name(name))
     capsys.readouterr()
-    command = ["eval", f"walk.{ending}", "--truth", "truth.h5", "-o", "report"]
-    assert shapefit([*command, "--set", "plots=none"]) == 0
+    command = ["eval", name, "--truth", "truth.h5", "-o", "report"]
+    code = shapefit([*command, "--set", "plots=none"])
     told = capsys.readouterr()
-    assert "80 images" in told.err + told.out
     (warning,) = [line for line in told.err.splitlines() if line.startswith("Warning")]
+    assert code == 0
+    assert "80 images" in told.err + told.out
     assert "no camera, rotation and reprojection without" in warning
 
 
-def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
-    path, target = tmp_path / "d.h5", tmp_path / "atoms.csv"
-    atoms = rng.normal(size=(12, 3, 5))
+LANDMARKS_OF_ATOMS = tuple("abcde")
+
+
+@pytest.fixture
+def atoms(rng):
+    """Twelve atoms (12, 3, 5) of one metre."""
+    return rng.normal(size=(12, 3, 5))
+
+
+@pytest.fixture
+def dictionary_file(tmp_path, atoms):
+    """Write a dictionary of the atoms with further fields."""
+
+    def write(**fields):
+        path = tmp_path / "d.h5"
+        dictionary = Dictionary(atoms, LANDMARKS_OF_ATOMS, atoms[0], **fields)
+        write_dictionary(path, dictionary)
+        return path
+
+    return write
+
+
+def convert_config(path, output):
+    return load_config("convert", None, (), {"files": [path], "output": output})
+
+
+def test_atoms_of_a_dictionary_are_a_table_of_shapes(
+    tmp_path, atoms, dictionary_file, rng
+):
+    target = tmp_path / "atoms.csv"
     sizes = rng.uniform(1, 2, 12)
-    names = tuple("abcde")
-    made = Dictionary(atoms, names, atoms[0], atom_scale=sizes, unit="m")
-    write_dictionary(path, made)
-    (outcome,) = run(
-        load_config("convert", None, (), {"files": [path], "output": target})
-    )
-    assert (outcome.done, outcome.unit) == (12, "shape")
+    path = dictionary_file(atom_scale=sizes, unit="m")
+    (outcome,) = run(convert_config(path, target))
     shapes = read_shapes([target])
+    expected = atoms * sizes[:, None, None]
+    assert outcome.done == 12
+    assert outcome.unit == "shape"
     assert shapes.items[:2] == ("atom 00", "atom 01")
-    assert shapes.landmark_names == names
-    np.testing.assert_array_equal(shapes.as_columns(), atoms * sizes[:, None, None])
+    assert shapes.landmark_names == LANDMARKS_OF_ATOMS
+    np.testing.assert_array_equal(shapes.as_columns(), expected)
 
 
 @pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])
-def test_a_dictionary_is_written_as_nothing_else(tmp_path, rng, name):
-    path = tmp_path / "d.h5"
-    atoms = rng.normal(size=(4, 3, 5))
-    write_dictionary(path, Dictionary(atoms, tuple("abcde"), atoms[0]))
-    given = {"files": [path], "output": tmp_path / name}
-    with pytest.raises(
-        InputError, match=r"in \.h5, or in \.csv for its atoms as shapes"
-    ):
-        list(run(load_config("convert", None, (), given)))
+def test_a_dictionary_is_written_as_nothing_else(tmp_path, dictionary_file, name):
+    config = convert_config(dictionary_file(), tmp_path / name)
+    fault = r"in \.h5, or in \.csv for its atoms as shapes"
+    with pytest.raises(InputError, match=fault):
+        list(run(config))

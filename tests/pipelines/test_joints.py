@@ -21,6 +21,7 @@ from shapefit.pipelines.joints import (
     named_as_joints,
 )
 from shapefit.records import Landmarks
+from tests.columns import in_rows
 from tests.pipelines.fitted import fit_images
 
 BODY = installed_skeletons()["body_25b"]
@@ -34,13 +35,14 @@ def people():
 @pytest.fixture
 def images(people, rng):
     """Views of 24 means of the prior, with all joints."""
-    n = 24
-    turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
+    count = 24
+    turn, _ = np.linalg.qr(rng.standard_normal((count, 3, 3)))
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
+    shapes = 100 * (turn @ people.prior.means[:count])
     return Landmarks(
-        (100 * (turn @ people.prior.means[:n])[:, :2]).swapaxes(1, 2),
+        in_rows(shapes[:, :2]),
         landmark_names=people.landmark_names,
-        items=tuple(f"image{i}" for i in range(n)),
+        items=tuple(f"image{i}" for i in range(count)),
     )
 
 
@@ -49,104 +51,128 @@ def as_detected(images, skeleton, theta=MEANS):
     found.
     """
     joints = find_joints(skeleton.landmark_names, images.landmark_names)
-    points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
+    landmarks = np.full((len(images), len(skeleton.landmark_names), 2), np.nan)
     names = list(joints.parts)
-    columns = [skeleton.landmark_names.index(name) for name in names]
-    points[..., columns] = images.as_columns() @ joints.rows(names, theta).T
+    rows = [skeleton.landmark_names.index(name) for name in names]
+    landmarks[:, rows] = joints.rows(names, theta) @ images.landmarks
     return Landmarks(
-        points.swapaxes(1, 2),
-        landmark_names=skeleton.landmark_names,
-        items=images.items,
+        landmarks, landmark_names=skeleton.landmark_names, items=images.items
     )
 
 
 @pytest.fixture
 def lift(tmp_path):
+    """Lift images; return the result and the last outcome."""
+
     def lift(images, dictionary="people", **keys):
         keys = {"method": "posterior"} | keys
-        found, outcomes = fit_images(tmp_path, images, dictionary, **keys)
-        return found, outcomes[-1]
+        result, outcomes = fit_images(tmp_path, images, dictionary, **keys)
+        return result, outcomes[-1]
 
     return lift
 
 
-@pytest.mark.parametrize(
-    "skeleton", installed_skeletons().values(), ids=lambda one: one.name
-)
+@pytest.fixture(params=installed_skeletons().values(), ids=[*installed_skeletons()])
+def skeleton(request):
+    return request.param
+
+
+def test_a_detector_s_names_are_read_as_joints(images, people, skeleton):
+    dictionary = match_names(skeleton.landmark_names, people, "here").dictionary
+    names = dictionary.landmark_names
+    joints = find_joints(skeleton.landmark_names, names)
+    detected = named_as_joints(as_detected(images, skeleton), joints, "here")
+    visible = arrange(detected, names, "here", omit=True)
+    in_order = arrange(images, names, "here", omit=True)
+    expected = joints.to_landmarks(MEANS) @ in_order.landmarks
+    unmarked = [name not in joints.markers for name in names]
+    expected[:, unmarked] = np.nan
+    np.testing.assert_allclose(visible.landmarks, expected, atol=1e-9)
+
+
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     images, lift, people, skeleton, tmp_path
 ):
-    people = match_names(skeleton.landmark_names, people, "here").dictionary
-    names, p = people.landmark_names, len(people.landmark_names)
+    dictionary = match_names(skeleton.landmark_names, people, "here").dictionary
+    names = dictionary.landmark_names
     joints = find_joints(skeleton.landmark_names, names)
     A = joints.to_landmarks(MEANS)
-    found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
-    visible = named_as_joints(as_detected(images, skeleton), joints, "here")
-    visible = arrange(visible, names, "here", omit=True)
-    points = arrange(images, names, "here", omit=True).as_columns() @ A.T
-    points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = (
-        np.nan
-    )
-    np.testing.assert_allclose(visible.as_columns(), points, atol=1e-9)
-    write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.deviations()))
-    direct, _ = lift(
-        visible,
-        tmp_path / "seen.h5",
-        save={"covariance": True},
-    )
+    detected = as_detected(images, skeleton)
+    visible = arrange(named_as_joints(detected, joints, "here"), names, "x", omit=True)
+    mapped_file = tmp_path / "seen.h5"
+    write_dictionary(mapped_file, mapped(dictionary, A, joints.deviations()))
+    result, last = lift(detected, skeleton=MEANS)
+    direct, _ = lift(visible, mapped_file, save={"covariance": True})
     back = np.linalg.inv(A)
-    assert found.landmark_names == names
-    np.testing.assert_allclose(
-        found.as_columns(), direct.as_columns() @ back.T, atol=1e-5
-    )
-    covariance = direct.column("shape_covariance").reshape(len(images), p, 3, p, 3)
-    expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
-    np.testing.assert_allclose(found.shape_sd, np.sqrt(expected), rtol=1e-4)
+    p = len(names)
+    covariance = direct.shape_covariance.reshape(len(images), p, 3, p, 3)
+    variance = np.einsum("ij,njaka,ik->nia", back, covariance, back)
+    assert result.landmark_names == names
+    np.testing.assert_allclose(result.shapes, back @ direct.shapes, atol=1e-5)
+    np.testing.assert_allclose(result.shape_sd, np.sqrt(variance), rtol=1e-4)
     assert "keypoints" in dict(last.rows)["Read"]
 
 
-def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
-    """Those that stand for joints as they were fitted, the others where the joints put
-    them.
-    """
-    found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
-    names = tuple(map(str, found.column("input_landmark_names")))
-    points = dict(
-        zip(names, found.column("input_shapes").transpose(1, 0, 2), strict=True)
-    )
-    joint = dict(
-        zip(found.landmark_names, found.as_columns().transpose(2, 0, 1), strict=True)
-    )
-    np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
-    middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
-    np.testing.assert_allclose(
-        points["Head"], middle + 1.5 * (joint["head"] - middle), atol=1e-9
-    )
-    np.testing.assert_allclose(points["Neck"], middle, atol=1e-9)
-    for mark, joint_of_foot in (
-        ("BigToe", "toe"),
-        ("SmallToe", "ball"),
-        ("Heel", "heel"),
-    ):
-        np.testing.assert_allclose(
-            points[f"R{mark}"], joint[f"r{joint_of_foot}"], atol=1e-9
-        )
-    fitted = dict(
-        zip(
-            found.landmark_names, found.landmarks_fitted.transpose(1, 0, 2), strict=True
-        )
-    )
-    np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
-    sd = found.column("input_shape_sd")
-    assert sd.shape == (24, len(names), 3)
+@pytest.fixture
+def lifted(images, lift):
+    """The result of images of a detector."""
+    result, _ = lift(as_detected(images, BODY), skeleton=MEANS)
+    return result
+
+
+def joint(result, name):
+    """Return the shapes (n, 3) of a joint."""
+    return result.shapes[:, result.landmark_names.index(name)]
+
+
+def detector_points(result, column):
+    """Return landmark of the detector -> what a column has of it, (n, 3)."""
+    names = map(str, result.input_landmark_names)
+    values = np.moveaxis(result.column(column), 1, 0)
+    return dict(zip(names, values, strict=True))
+
+
+STAND_FOR_JOINTS = {
+    "LKnee": "lknee",
+    "RBigToe": "rtoe",
+    "RSmallToe": "rball",
+    "RHeel": "rheel",
+}
+
+
+@pytest.mark.parametrize("name", STAND_FOR_JOINTS)
+def test_landmarks_that_stand_for_joints_come_back_as_they_were_fitted(lifted, name):
+    point = detector_points(lifted, "input_shapes")[name]
+    expected = joint(lifted, STAND_FOR_JOINTS[name])
+    np.testing.assert_allclose(point, expected, atol=1e-9)
+
+
+def test_other_landmarks_are_where_the_joints_put_them(lifted):
+    points = detector_points(lifted, "input_shapes")
+    neck = (joint(lifted, "lshoulder") + joint(lifted, "rshoulder")) / 2
+    head = neck + 1.5 * (joint(lifted, "head") - neck)
+    np.testing.assert_allclose(points["Neck"], neck, atol=1e-9)
+    np.testing.assert_allclose(points["Head"], head, atol=1e-9)
+
+
+def test_what_was_fitted_of_a_joint_is_its_landmark_in_the_image(lifted):
+    head = detector_points(lifted, "input_shapes")["Head"]
+    fitted = lifted.landmarks_fitted[:, lifted.landmark_names.index("head")]
+    np.testing.assert_allclose(head[:, :2], fitted, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["LKnee", "RBigToe"])
+def test_what_stands_for_a_joint_has_its_error_bars(lifted, name):
+    """How far apart they may be is in the prior already."""
+    sd = detector_points(lifted, "input_shape_sd")[name]
+    place = lifted.landmark_names.index(STAND_FOR_JOINTS[name])
+    np.testing.assert_allclose(sd, lifted.shape_sd[:, place], rtol=1e-9)
+
+
+def test_all_landmarks_of_the_detector_have_error_bars(lifted):
+    sd = lifted.input_shape_sd
+    assert sd.shape == (24, len(lifted.input_landmark_names), 3)
     assert (sd > 0).all()
-    np.testing.assert_allclose(
-        sd[:, names.index("LKnee")], found.shape_sd[:, 5], rtol=1e-9
-    )
-    # What stands for a joint has its error bars: how far apart they may be is in the
-    # prior already.
-    toe = found.shape_sd[:, found.landmark_names.index("rtoe")]
-    np.testing.assert_allclose(sd[:, names.index("RBigToe")], toe, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("head", "hips"), [(1.5, 1.15), (1.7, 1.0), (1.3, 1.3)])
@@ -154,34 +180,66 @@ def test_planted_parameters_are_found(images, lift, head, hips):
     """Within 10%: a body of any build may have either."""
     theta = {"head": head, "hips": hips}
     _, last = lift(as_detected(images, BODY, theta))
-    factors = last.note.split("of the detector: ")[1].partition(";")[0].split(", ")
-    found = {name: factor for name, _, factor, *_ in map(str.split, factors)}
-    assert float(found["head"]) == pytest.approx(head, rel=0.1)
-    assert float(found["hips"]) == pytest.approx(hips, rel=0.1)
+    _, _, told = last.note.partition("of the detector: ")
+    factors = {}
+    for factor in told.partition(";")[0].split(", "):
+        name, _, value, *_ = factor.split()
+        factors[name] = float(value)
+    assert factors["head"] == pytest.approx(head, rel=0.1)
+    assert factors["hips"] == pytest.approx(hips, rel=0.1)
 
 
-def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
-    """A marginal of the whole prior: what the files do not mark changes nothing."""
-    feet = {f"{s}{part}" for s in "rl" for part in ("heel", "ball", "toe")}
-    hands = {"rhand", "lhand"}
-    marked = {"coco_17": set(), "coco_18": set(), "h36m_17": {"spine"}}
-    marked["mediapipe_33"] = feet | hands
-    for skeleton in installed_skeletons().values():
-        part = match_names(skeleton.landmark_names, people, "here").dictionary
-        assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)
-        rows = [people.landmark_names.index(name) for name in part.landmark_names]
-        np.testing.assert_array_equal(part.atoms, people.atoms[..., rows])
-        covariances = people.prior_covariances[:, rows][:, :, :, rows]
-        np.testing.assert_array_equal(part.prior_covariances, covariances)
-        names = np.array(part.landmark_names)
-        assert (part.mirror_index[part.mirror_index] == np.arange(len(names))).all()
-        bones = {tuple(sorted(bone)) for bone in names[part.edges]}
-        every = {
-            tuple(sorted(bone))
-            for bone in np.array(people.landmark_names)[people.edges]
-        }
-        assert bones == {bone for bone in every if set(bone) <= set(names)}
-        assert len(part.edge_length) == len(part.edge_covariance) == len(bones)
+FEET = {f"{side}{part}" for side in "rl" for part in ("heel", "ball", "toe")}
+
+
+HANDS = {"rhand", "lhand"}
+
+
+MARKED = {
+    "coco_17": set(),
+    "coco_18": set(),
+    "h36m_17": {"spine"},
+    "mediapipe_33": FEET | HANDS,
+}
+"""Skeleton -> joints beyond PEOPLE that it marks; all others mark feet."""
+
+
+@pytest.fixture
+def part_of_people(people, skeleton):
+    """The dictionary of the joints that a skeleton marks."""
+    return match_names(skeleton.landmark_names, people, "here").dictionary
+
+
+def bones_of(dictionary):
+    """Return the names of the ends of edges, in either order."""
+    names = np.array(dictionary.landmark_names)
+    return {frozenset(bone) for bone in names[dictionary.edges]}
+
+
+def test_feet_hands_and_spine_are_there_where_files_mark_them(part_of_people, skeleton):
+    further = set(part_of_people.landmark_names) - set(PEOPLE)
+    assert further == MARKED.get(skeleton.name, FEET)
+
+
+def test_what_files_do_not_mark_changes_nothing(people, part_of_people):
+    """The prior of a part is a marginal of the whole prior."""
+    rows = [people.landmark_names.index(name) for name in part_of_people.landmark_names]
+    covariances = people.prior_covariances[:, rows][:, :, :, rows]
+    np.testing.assert_array_equal(part_of_people.atoms, people.atoms[..., rows])
+    np.testing.assert_array_equal(part_of_people.prior_covariances, covariances)
+
+
+def test_a_part_of_people_has_the_bones_between_its_joints(people, part_of_people):
+    names = set(part_of_people.landmark_names)
+    expected = {bone for bone in bones_of(people) if bone <= names}
+    assert bones_of(part_of_people) == expected
+    assert len(part_of_people.edge_length) == len(expected)
+    assert len(part_of_people.edge_covariance) == len(expected)
+
+
+def test_a_part_of_people_mirrors_as_the_whole(part_of_people):
+    mirror = part_of_people.mirror_index
+    np.testing.assert_array_equal(mirror[mirror], np.arange(len(mirror)))
 
 
 @pytest.mark.parametrize("theta", [MEANS, {"head": 1.8, "hips": 0.9}])
@@ -194,12 +252,12 @@ def test_a_map_moves_with_the_body(theta):
 
 def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     shared = people_joints(BODY.landmark_names)
-    part = arrange(images, tuple(shared.values()), "here", omit=True)
-    expected, _ = lift(part, method="convex")
-    named = part.replaced(landmark_names=tuple(shared))
-    found, _ = lift(named, method="convex")
-    np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
-    assert found.input_shapes is None
+    joints = arrange(images, tuple(shared.values()), "here", omit=True)
+    detected = joints.replaced(landmark_names=tuple(shared))
+    expected, _ = lift(joints, method="convex")
+    result, _ = lift(detected, method="convex")
+    np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-6)
+    assert result.input_shapes is None
 
 
 @pytest.mark.parametrize(("own", "known", "expected"), [
@@ -218,90 +276,118 @@ def test_which_names_stand_for_joints(own, known, expected):
     "own", [("lft_hip", "2", "rhip"), ("snout", "leftear", "tail")]
 )
 def test_names_that_do_not_match_are_told(people, own):
-    found = (
-        "the 3 landmarks .* in the dictionary, at least 3 must be .files:"
-        f" {', '.join(own)}; "
-    )
-    with pytest.raises(
-        InputError, match=f"{found}dictionary: pelvis, rhip, .*`rename: "
-    ):
+    count = "the 3 landmarks .* in the dictionary, at least 3 must be "
+    names = f".files: {', '.join(own)}; dictionary: pelvis, rhip, .*"
+    with pytest.raises(InputError, match=f"{count}{names}`rename: "):
         match_names(own, people, "here")
 
 
 def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     own = (*PEOPLE[:6], "left_ear", "right_ear")
     joints = find_joints(own, PEOPLE)
-    assert joints.markers["head"] == ("left_ear", "right_ear")
     confidence = np.full((3, 8), 0.7)
     confidence[:, 6:] = [[0.9, 0.5], [0.0, 0.6], [0.0, 0.0]]
     images = Landmarks(
-        np.arange(48.0).reshape(3, 2, 8).swapaxes(1, 2),
+        np.arange(48.0).reshape(3, 8, 2),
         landmark_names=own,
         items=tuple("abc"),
         confidence=confidence,
     )
     named = named_as_joints(images, joints, "place")
-    column = named.landmark_names.index("head")
-    np.testing.assert_allclose(named.confidence[:, column], [0.7, 0.6, 0.0])
-    np.testing.assert_allclose(
-        named.as_columns()[0, :, column], images.as_columns()[0, :, 6:].mean(1)
-    )
-    np.testing.assert_allclose(
-        named.as_columns()[1, :, column], images.as_columns()[1, :, 7]
-    )
+    head = named.landmark_names.index("head")
+    points = named.landmarks[:, head]
+    mean_of_ears = images.landmarks[0, 6:].mean(axis=0)
+    right_ear = images.landmarks[1, 7]
+    assert joints.markers["head"] == ("left_ear", "right_ear")
+    np.testing.assert_allclose(named.confidence[:, head], [0.7, 0.6, 0.0])
+    np.testing.assert_allclose(points[0], mean_of_ears)
+    np.testing.assert_allclose(points[1], right_ear)
 
 
 @pytest.mark.parametrize("in_place", [True, False])
 def test_joints_are_those_of_the_dictionary_that_is_left(people, in_place):
     for skeleton in installed_skeletons().values():
+        names = skeleton.landmark_names
         try:
-            matched = match_names(
-                skeleton.landmark_names, people, "file", in_place=in_place
-            )
+            matched = match_names(names, people, "file", in_place=in_place)
         except InputError:  # hands alone have too few landmarks of the dictionary
             continue
         left = matched.dictionary.landmark_names
-        assert matched.joints == find_joints(
-            skeleton.landmark_names, left, in_place=in_place
-        )
+        assert matched.joints == find_joints(names, left, in_place=in_place)
+
+
+WHOLE_BODY = "coco_133"
+"""A skeleton with a face and hands."""
 
 
 def test_more_landmarks_left_out_than_used_are_said(people):
-    """Face and hands of a whole body; eyes and ears are expected to be."""
-    for skeleton in installed_skeletons().values():
-        said = match_names(skeleton.landmark_names, people, "here").warnings()
-        assert len(said) == (skeleton.name == "coco_133"), skeleton.name
-    names = installed_skeletons()["coco_133"].landmark_names
-    (said,) = match_names(names, people, "here").warnings()
-    assert "114 landmarks left out, which the dictionary lacks (nose" in said
+    names = installed_skeletons()[WHOLE_BODY].landmark_names
+    (warning,) = match_names(names, people, "here").warnings()
+    assert "114 landmarks left out, which the dictionary lacks (nose" in warning
 
 
-FROM_0, FROM_1 = ([str(start + n) for n in range(8)] for start in (0, 1))
+def test_eyes_and_ears_are_expected_to_be_left_out(people, skeleton):
+    warnings = match_names(skeleton.landmark_names, people, "here").warnings()
+    assert bool(warnings) == (skeleton.name == WHOLE_BODY)
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs", "found"),
-    [
-        (FROM_1, FROM_0, "refused"),
-        (FROM_0, FROM_1, "refused"),
-        (FROM_1[1:], FROM_0, "refused"),
-        (FROM_1[:-1], FROM_0, "said"),
-        (FROM_0[2:], FROM_0, "said"),
-        (FROM_0, FROM_0, ""),
-        (FROM_1, FROM_1, ""),
-        (FROM_1[1:-1], FROM_1, ""),
-        (FROM_0[:-2], FROM_0, ""),
-        (FROM_0, ["2", "5", "7"], "said"),
-        (["a", *FROM_1[1:]], FROM_0, ""),
-    ],
-)
-def test_numbers_from_0_beside_numbers_from_1(rng, ours, theirs, found):
-    shapes = rng.normal(size=(3, 3, len(theirs)))
-    dictionary = Dictionary(shapes, tuple(theirs), shapes[0])
-    if found == "refused":
-        with pytest.raises(InputError, match=r"numbered .* of the dictionary .*from 1"):
-            match_names(ours, dictionary, "here")
-        return
+FROM_0 = [str(number) for number in range(8)]
+
+
+FROM_1 = [str(number) for number in range(1, 9)]
+
+
+REFUSED_NUMBERS = [
+    (FROM_1, FROM_0),
+    (FROM_0, FROM_1),
+    (FROM_1[1:], FROM_0),
+]
+"""Names of files and of a dictionary."""
+
+
+DOUBTED_NUMBERS = [
+    (FROM_1[:-1], FROM_0),
+    (FROM_0[2:], FROM_0),
+    (FROM_0, ["2", "5", "7"]),
+]
+
+
+EQUAL_NUMBERS = [
+    (FROM_0, FROM_0),
+    (FROM_1, FROM_1),
+    (FROM_1[1:-1], FROM_1),
+    (FROM_0[:-2], FROM_0),
+    (["a", *FROM_1[1:]], FROM_0),
+]
+
+
+@pytest.fixture
+def numbered(rng):
+    """Return a dictionary of landmarks with these names."""
+
+    def make(names):
+        shapes = rng.normal(size=(3, 3, len(names)))
+        return Dictionary(shapes, tuple(names), shapes[0])
+
+    return make
+
+
+def warnings_of_numbers(ours, dictionary):
     warnings = match_names(ours, dictionary, "here").warnings()
-    said = [text for text in warnings if "all are off by one" in text]
-    assert len(said) == (found == "said")
+    return [text for text in warnings if "all are off by one" in text]
+
+
+@pytest.mark.parametrize(("ours", "theirs"), REFUSED_NUMBERS)
+def test_numbers_from_0_beside_numbers_from_1_are_refused(numbered, ours, theirs):
+    with pytest.raises(InputError, match=r"numbered .* of the dictionary .*from 1"):
+        match_names(ours, numbered(theirs), "here")
+
+
+@pytest.mark.parametrize(("ours", "theirs"), DOUBTED_NUMBERS)
+def test_numbers_that_may_be_off_by_one_are_warned_of(numbered, ours, theirs):
+    assert len(warnings_of_numbers(ours, numbered(theirs))) == 1
+
+
+@pytest.mark.parametrize(("ours", "theirs"), EQUAL_NUMBERS)
+def test_numbers_that_agree_are_not_warned_of(numbered, ours, theirs):
+    assert warnings_of_numbers(ours, numbered(theirs)) == []

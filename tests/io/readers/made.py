@@ -23,21 +23,29 @@ from shapefit.records import Landmarks
 
 Names = Sequence[str]
 
-FRAME = [("frame_id", "<u8"), ("video", "<u4"), ("frame_idx", "<u8")]
-FRAME += [("instance_id_start", "<u8"), ("instance_id_end", "<u8")]
-INSTANCE = [("instance_id", "<i8"), ("instance_type", "u1"), ("frame_id", "<u8")]
-INSTANCE += [
+FRAME = [
+    ("frame_id", "<u8"),
+    ("video", "<u4"),
+    ("frame_idx", "<u8"),
+    ("instance_id_start", "<u8"),
+    ("instance_id_end", "<u8"),
+]
+INSTANCE = [
+    ("instance_id", "<i8"),
+    ("instance_type", "u1"),
+    ("frame_id", "<u8"),
     ("skeleton", "<u4"),
     ("track", "<i4"),
     ("from_predicted", "<i8"),
     ("score", "<f4"),
-]
-INSTANCE += [
     ("point_id_start", "<u8"),
     ("point_id_end", "<u8"),
     ("tracking_score", "<f4"),
 ]
 POINT = [("x", "<f8"), ("y", "<f8"), ("visible", "?"), ("complete", "?")]
+
+
+PREDICTED_POINT = [*POINT, ("score", "<f8")]
 
 
 def read_images(*paths: Path, **options: Any) -> tuple[Landmarks, tuple[str, ...]]:
@@ -58,16 +66,16 @@ def _columns(
     rows.
     """
     _, many, p, d = points.shape
-    axes = ("x", "y", "likelihood") if d == 2 else ("x", "y", "z")
-    values = (
-        points if d == 3 else np.concatenate([points, confidence[..., None]], axis=-1)
-    )
-    columns = [
-        ("net", *((who,) if many > 1 else ()), landmark, axis)
-        for who in landmark_names(many, "animal")
-        for landmark in landmark_names(p)
-        for axis in axes
-    ]
+    axes = ("x", "y", "z")
+    values = points
+    if d == 2:
+        axes = ("x", "y", "likelihood")
+        values = np.concatenate([points, confidence[..., None]], axis=-1)
+    columns = []
+    for who in landmark_names(many, "animal"):
+        individual = (who,) if many > 1 else ()
+        for landmark in landmark_names(p):
+            columns += [("net", *individual, landmark, axis) for axis in axes]
     return columns, values.reshape(len(points), -1)
 
 
@@ -76,34 +84,36 @@ def write_deeplabcut_csv(path: Path, points: Floats, confidence: Floats) -> None
     levels = ["scorer", "individuals", "bodyparts", "coords"]
     if points.shape[1] == 1:
         levels.remove("individuals")
-    with path.open("w", encoding="utf-8") as file:
-        for level, names in zip(levels, zip(*columns, strict=True), strict=True):
-            file.write(f"{level},{','.join(names)}\n")
-        for number, row in enumerate(rows.tolist()):
-            cells = ("" if value != value else repr(value) for value in row)
-            file.write(f"{number},{','.join(cells)}\n")
+    lines = []
+    for level, names in zip(levels, zip(*columns, strict=True), strict=True):
+        lines.append(",".join([level, *names]))
+    for number, row in enumerate(rows.tolist()):
+        cells = ["" if np.isnan(value) else repr(value) for value in row]
+        lines.append(",".join([str(number), *cells]))
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def pickled(columns: Sequence[tuple[str, ...]]) -> bytes:
     """Return a list of tuples of names as pandas pickles it."""
-    tuples = (
-        "(" + "".join(f"V{name}\n" for name in column) + "ta" for column in columns
-    )
+    tuples = []
+    for column in columns:
+        names = "".join(f"V{name}\n" for name in column)
+        tuples.append(f"({names}ta")
     return b"(l" + "".join(tuples).encode() + b"."
 
 
 def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> None:
     columns, rows = _columns(points, confidence)
-    table = np.zeros(
-        len(rows), [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])]
-    )
-    table["index"], table["values_block_0"] = np.arange(len(rows)), rows
+    kind = [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])]
+    table = np.zeros(len(rows), kind)
+    table["index"] = np.arange(len(rows))
+    table["values_block_0"] = rows
+    chunk = max(1, (1 << 16) // table.itemsize)
     with h5py.File(path, "w") as file:
         group = file.create_group("df_with_missing")
         group.attrs["pandas_type"] = np.bytes_(b"frame_table")
-        size = max(1, (1 << 16) // table.itemsize)
         dataset = group.create_dataset(
-            "table", data=table, chunks=(size,), maxshape=(None,)
+            "table", data=table, chunks=(chunk,), maxshape=(None,)
         )
         dataset.attrs["index_kind"] = np.bytes_(b"integer")
         dataset.attrs["values_block_0_kind"] = np.bytes_(pickled(columns))
@@ -111,6 +121,7 @@ def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> Non
 
 def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> None:
     columns, rows = _columns(points, confidence)
+    images = [f"labeled/video/img{number:05}.png" for number in range(len(rows))]
     with h5py.File(path, "w") as file:
         group = file.create_group("df_with_missing")
         group.attrs["pandas_type"] = np.bytes_(b"frame")
@@ -118,27 +129,22 @@ def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> No
         group.attrs["block0_items_variety"] = np.bytes_(b"multi")
         group.attrs["axis1_variety"] = np.bytes_(b"regular")
         for number, level in enumerate(zip(*columns, strict=True)):
-            known = list(dict.fromkeys(level))
-            group[f"block0_items_level{number}"] = np.array(known, "S")
-            group[f"block0_items_label{number}"] = np.array(
-                [known.index(n) for n in level], "i1"
-            )
-        group["axis1"] = np.array(
-            [f"labeled/video/img{i:05}.png" for i in range(len(rows))], "S"
-        )
+            names = list(dict.fromkeys(level))
+            labels = [names.index(name) for name in level]
+            group[f"block0_items_level{number}"] = np.array(names, "S")
+            group[f"block0_items_label{number}"] = np.array(labels, "i1")
+        group["axis1"] = np.array(images, "S")
         group["block0_values"] = rows
         group["block0_values"].attrs["transposed"] = np.uint8(1)
 
 
 def write_sleap_analysis(path: Path, points: Floats, confidence: Floats) -> None:
     n, many, p, _ = points.shape
+    tracks = points.transpose(1, 3, 2, 0)
+    scores = confidence.transpose(1, 2, 0)
     with h5py.File(path, "w") as file:
-        file.create_dataset(
-            "tracks", data=points.transpose(1, 3, 2, 0), compression="gzip"
-        )
-        file.create_dataset(
-            "point_scores", data=confidence.transpose(1, 2, 0), compression="gzip"
-        )
+        file.create_dataset("tracks", data=tracks, compression="gzip")
+        file.create_dataset("point_scores", data=scores, compression="gzip")
         file["node_names"] = np.array(landmark_names(p), "S")
         file["track_names"] = np.array(landmark_names(many, "animal"), "S")
         file["track_occupancy"] = np.ones((n, many), "u1")
@@ -166,42 +172,44 @@ def write_slp(
             start = (number * many + who) * p
             rows.append((len(rows), 1, number, 0, who, -1, 1.0, start, start + p, 0.0))
         if number in by_hand:
+            who = by_hand[number]
             start = p * len(placed)
-            rows.append(
-                (len(rows), 0, number, 0, by_hand[number], -1, 0, start, start + p, 0.0)
-            )
-            placed.append(points[number, by_hand[number]] + 1)
+            rows.append((len(rows), 0, number, 0, who, -1, 0, start, start + p, 0.0))
+            placed.append(points[number, who] + 1)
         frames[number] = (number, 0, number, first, len(rows))
+    predicted = _points(points.reshape(-1, 2), confidence.ravel())
+    chunk = min(1024, len(predicted))
     with h5py.File(path, "w") as file:
         file["frames"] = frames
         file["instances"] = np.array(rows, INSTANCE)
-        every = points.reshape(-1, 2)
-        file.create_dataset(
-            "pred_points",
-            data=_points(every, confidence.ravel()),
-            chunks=(min(1024, len(every)),),
-        )
+        file.create_dataset("pred_points", data=predicted, chunks=(chunk,))
         file["points"] = _points(np.reshape(placed, (-1, 2)))
         metadata = file.create_group("metadata")
         metadata.attrs["format_id"] = 1.2
-        links = [
-            {"source": 0, "target": 1, "type": {"py/reduce": [{}, {"py/tuple": [1]}]}}
-        ]
-        skeleton = {"nodes": [{"id": number} for number in range(p)], "links": links}
-        nodes = [{"name": name} for name in landmark_names(p)]
-        metadata.attrs["json"] = json.dumps({"skeletons": [skeleton], "nodes": nodes})
+        metadata.attrs["json"] = json.dumps(_skeleton(p))
         tracks = [json.dumps([0, name]) for name in landmark_names(many, "animal")]
         file["tracks_json"] = np.array(tracks, "S")
-        file["videos_json"] = np.array(
-            [json.dumps({"backend": {"filename": "video.mp4"}})], "S"
-        )
+        video = json.dumps({"backend": {"filename": "video.mp4"}})
+        file["videos_json"] = np.array([video], "S")
+
+
+def _skeleton(p: int) -> dict[str, Any]:
+    """Return what a .slp file says of p nodes, of which the first two are joined."""
+    link = {
+        "source": 0,
+        "target": 1,
+        "type": {"py/reduce": [{}, {"py/tuple": [1]}]},
+    }
+    skeleton = {"nodes": [{"id": number} for number in range(p)], "links": [link]}
+    nodes = [{"name": name} for name in landmark_names(p)]
+    return {"skeletons": [skeleton], "nodes": nodes}
 
 
 def _points(points: Floats, score: Floats | None = None) -> NDArray[Any]:
-    table = np.zeros(
-        len(points), POINT if score is None else [*POINT, ("score", "<f8")]
-    )
-    table["x"], table["y"] = points.T
+    """Return points that a user placed, or predicted ones with their scores."""
+    table = np.zeros(len(points), POINT if score is None else PREDICTED_POINT)
+    table["x"] = points[:, 0]
+    table["y"] = points[:, 1]
     table["visible"] = True
     if score is not None:
         table["score"] = score
@@ -243,20 +251,22 @@ def write_movement(
         f"keypoint{ending}": list(landmark_names(p)),
         f"individual{ending}": list(landmark_names(many, "animal")),
     }
+    time, space, keypoint, individual = scales
     with h5py.File(path, "w") as file:
-        file.attrs["ds_type"], file.attrs["fps"] = "poses", np.array([30.0])
+        file.attrs["ds_type"] = "poses"
+        file.attrs["fps"] = np.array([30.0])
         for name, values in scales.items():
             file[name] = values
             file[name].make_scale(name)
         file["position"] = points.transpose(0, 3, 2, 1)
         file["confidence"] = confidence.transpose(0, 2, 1)
-        time, space, keypoint, individual = scales
-        for dataset, axes in (
-            ("position", (time, space, keypoint, individual)),
-            ("confidence", (time, keypoint, individual)),
-        ):
-            for number, axis in enumerate(axes):
-                file[dataset].dims[number].attach_scale(file[axis])
+        _attach_scales(file, "position", [time, space, keypoint, individual])
+        _attach_scales(file, "confidence", [time, keypoint, individual])
+
+
+def _attach_scales(file: h5py.File, name: str, axes: Sequence[str]) -> None:
+    for number, axis in enumerate(axes):
+        file[name].dims[number].attach_scale(file[axis])
 
 
 def write_jabs_of_several(
@@ -267,14 +277,17 @@ def write_jabs_of_several(
     From version 4 on, 0 is the identity of none.
     """
     n, many = points.shape[:2]
-    order = np.array([[*range(many)][:: -1 if frame % 2 else 1] for frame in range(n)])
+    order = np.tile(np.arange(many), (n, 1))
+    order[1::2] = order[1::2, ::-1]
     rows = np.arange(n)[:, None]
     seen = np.isfinite(points).all(axis=-1)
+    scores = np.where(seen, confidence, 0)
+    y_first = np.nan_to_num(points[rows, order][..., ::-1])
     with h5py.File(path, "w") as file:
         group = file.create_group("poseest")
         group.attrs["version"] = np.array([version, 0], "u2")
-        group["points"] = np.nan_to_num(points[rows, order][..., ::-1]).astype("u2")
-        group["confidence"] = np.where(seen, confidence, 0)[rows, order].astype("f4")
+        group["points"] = y_first.astype("u2")
+        group["confidence"] = scores[rows, order].astype("f4")
         group["instance_count"] = np.full(n, many, "u1")
         group["instance_track_id"] = order.astype("u4")
         if version > 3:
@@ -283,11 +296,14 @@ def write_jabs_of_several(
 
 def write_jabs(path: Path, points: Floats, confidence: Floats) -> None:
     """Write a pose file of version 2, of the first mouse."""
+    mouse = points[:, 0]
+    seen = np.isfinite(mouse).all(axis=-1)
+    scores = np.where(seen, confidence[:, 0], 0)
+    y_first = np.nan_to_num(mouse[..., ::-1])
     with h5py.File(path, "w") as file:
         group = file.create_group("poseest")
-        group["points"] = np.nan_to_num(points[:, 0, :, ::-1]).astype("u2")
-        seen = np.isfinite(points[:, 0]).all(axis=-1)
-        group["confidence"] = np.where(seen, confidence[:, 0], 0).astype("f4")
+        group["points"] = y_first.astype("u2")
+        group["confidence"] = scores.astype("f4")
 
 
 TRACKERS: dict[str, Callable[..., None]] = {
@@ -308,8 +324,9 @@ TRACKERS: dict[str, Callable[..., None]] = {
 
 def _flat(points: Floats, confidence: Floats) -> list[list[list[float]]]:
     """Return x, y, confidence of all landmarks: [frame][person][number]."""
-    rows = np.concatenate([points, confidence[..., None]], axis=3).round(4)
-    flat: list[list[list[float]]] = rows.reshape(*rows.shape[:2], -1).tolist()
+    triples = np.concatenate([points, confidence[..., None]], axis=3).round(4)
+    rows = triples.reshape(*triples.shape[:2], -1)
+    flat: list[list[list[float]]] = rows.tolist()
     return flat
 
 
@@ -320,68 +337,61 @@ def _write(path: Path, contents: Any) -> None:
 
 def write_openpose(path: Path, points: Floats, confidence: Floats) -> None:
     for frame, people in enumerate(_flat(points, confidence)):
-        found = [{"person_id": [-1], "pose_keypoints_2d": person} for person in people]
-        _write(
-            path / f"v_{frame:012d}_keypoints.json", {"version": 1.3, "people": found}
-        )
+        entries = [{"person_id": [-1], "pose_keypoints_2d": cells} for cells in people]
+        contents = {"version": 1.3, "people": entries}
+        _write(path / f"v_{frame:012d}_keypoints.json", contents)
 
 
 def write_results(path: Path, points: Floats, confidence: Floats) -> None:
-    frames = enumerate(_flat(points, confidence))
-    found = [
-        {"image_id": frame, "category_id": 1, "keypoints": person, "score": 0.5}
-        for frame, people in frames
-        for person in people
-    ]
-    _write(path, found)
+    results = []
+    for frame, people in enumerate(_flat(points, confidence)):
+        for cells in people:
+            result = {"image_id": frame, "category_id": 1, "score": 0.5}
+            results.append({**result, "keypoints": cells})
+    _write(path, results)
 
 
 def write_annotations(path: Path, points: Floats, confidence: Floats) -> None:
     """Write COCO annotations; landmarks of confidence below 0.1 are not labelled."""
-    names = [f"point{number}" for number in range(points.shape[2])]
-    visible = np.where(confidence < 0.1, 0.0, 2.0)
-    frames = enumerate(_flat(points, visible))
-    _write(
-        path,
-        {
-            "images": [
-                {"id": n, "file_name": f"{n:08d}.jpg"} for n in range(len(points))
-            ],
-            "categories": [
-                {"id": 1, "name": "one", "keypoints": names, "skeleton": [[1, 2]]}
-            ],
-            "annotations": [
-                {"image_id": frame, "category_id": 1, "keypoints": person}
-                for frame, people in frames
-                for person in people
-            ],
-        },
-    )
+    names = list(landmark_names(points.shape[2]))
+    category = {"id": 1, "name": "one", "keypoints": names, "skeleton": [[1, 2]]}
+    visibility = np.where(confidence < 0.1, 0.0, 2.0)
+    images = [{"id": n, "file_name": f"{n:08d}.jpg"} for n in range(len(points))]
+    annotations = []
+    for frame, people in enumerate(_flat(points, visibility)):
+        for cells in people:
+            entry = {"image_id": frame, "category_id": 1, "keypoints": cells}
+            annotations.append(entry)
+    contents = {
+        "images": images,
+        "categories": [category],
+        "annotations": annotations,
+    }
+    _write(path, contents)
 
 
 def write_mmpose(path: Path, points: Floats, confidence: Floats) -> None:
-    names = {str(number): f"point{number}" for number in range(points.shape[2])}
-    info = [
-        {
-            "frame_id": frame,
-            "instances": [
-                {"keypoints": person.tolist(), "keypoint_scores": scores.tolist()}
-                for person, scores in zip(people, certain, strict=True)
-            ],
-        }
-        for frame, (people, certain) in enumerate(zip(points, confidence, strict=True))
-    ]
-    _write(path, {"meta_info": {"keypoint_id2name": names}, "instance_info": info})
+    names = dict(enumerate(landmark_names(points.shape[2])))
+    frames = []
+    for number, (people, scores) in enumerate(zip(points, confidence, strict=True)):
+        instances = []
+        for keypoints, of_keypoints in zip(people, scores, strict=True):
+            instance = {
+                "keypoints": keypoints.tolist(),
+                "keypoint_scores": of_keypoints.tolist(),
+            }
+            instances.append(instance)
+        frames.append({"frame_id": number, "instances": instances})
+    info = {"keypoint_id2name": {str(number): name for number, name in names.items()}}
+    _write(path, {"meta_info": info, "instance_info": frames})
 
 
 def write_caliscope(path: Path, points: Floats, confidence: Floats) -> None:
     lines = ["sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y"]
     for frame, people in enumerate(points):
-        lines += [
-            f"{frame},0,{frame},{frame / 30},{number},{x},{y}"
-            for number, (x, y) in enumerate(people[0].tolist())
-        ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        for number, (x, y) in enumerate(people[0].tolist()):
+            lines.append(f"{frame},0,{frame},{frame / 30},{number},{x},{y}")
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:

@@ -259,9 +259,7 @@ def test_what_is_read(written, tmp_path, files, expected):
         }
         for name, wanted in expected.items():
             if name == "points":
-                np.testing.assert_array_equal(
-                    images.as_columns().swapaxes(1, 2), wanted
-                )
+                np.testing.assert_array_equal(images.points, wanted)
             elif name == "confidence" and wanted is not None:
                 np.testing.assert_allclose(images.confidence, wanted)
             elif name == "confidence":
@@ -397,5 +395,5 @@ def test_the_layout_of_lines_is_found(rng, tmp_path, count, mark, tail):
         cells = " ".join(f"{x} {y}{mark}" for x, y in person.tolist())
         (tmp_path / f"{frame}.txt").write_text(f"0 0.5 0.5 0.2 0.4 {cells}{tail}\n")
     found, _ = read(tmp_path)
-    assert np.allclose(found.as_columns().swapaxes(1, 2), points)
+    assert np.allclose(found.points, points)
     assert (found.landmark_names[0] == "nose") == (count == 17)

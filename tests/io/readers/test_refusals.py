@@ -11,7 +11,10 @@ from shapefit.errors import InputError
 from tests.io.files import load_shapes
 
 from .made import read_images as read
-from .test_motion import ANIPOSE, BVH, FLY, FRAMES, HEAD, ROWS, TREE, VICON
+from .test_anipose import ANIPOSE
+from .test_bvh import BVH, FRAMES, TREE
+from .test_trc import HEAD, ROWS
+from .test_vicon import TRAJECTORIES
 
 PERSON = "pose_keypoints_2d"
 MOUSE = {"id": 1, "name": "mouse", "keypoints": ["nose", "tail"], "skeleton": [[1, 2]]}
@@ -25,14 +28,19 @@ RAT = {"id": 2, "name": "rat", "keypoints": ["nose", "paw"]}
 
 
 def annotated(*keypoints, image=0, category=1, **further):
-    entry = {
+    """Return a COCO file of one annotation with these keypoints."""
+    annotation = {
         "id": 0,
         "image_id": image,
         "category_id": category,
         "keypoints": list(keypoints),
     }
-    images = [{"id": 0, "file_name": "day/0.png"}]
-    return {"images": images, "categories": [MOUSE], "annotations": [entry], **further}
+    file = {
+        "images": [{"id": 0, "file_name": "day/0.png"}],
+        "categories": [MOUSE],
+        "annotations": [annotation],
+    }
+    return file | further
 
 
 def result(image, *keypoints):
@@ -226,10 +234,10 @@ REFUSED = [
     ),
     (
         "fly.csv",
-        ANIPOSE + FLY.replace("0.8,1,0,7", "0.8,1,7"),
+        ANIPOSE.replace("0.8,1,0,7", "0.8,1,7"),
         "fly.csv:2: has 14 cells, not 15",
     ),
-    ("fly.csv", ANIPOSE + FLY.replace("1.5,", "one,"), "fly.csv:3: 'one'"),
+    ("fly.csv", ANIPOSE.replace("1.5,", "one,"), "fly.csv:3: 'one'"),
     (
         "w.bvh",
         TREE + FRAMES.replace("90 90 0", "90 90"),
@@ -246,34 +254,50 @@ REFUSED = [
     # Vicon
     (
         "v.csv",
-        VICON.replace("1001", "left"),
+        TRAJECTORIES.replace("1001", "left"),
         r"v\.csv:7: 'left' is no number \(column Anna:LASI X",
     ),
-    ("v.csv", VICON.replace("X,Y,Z,X", "X,Y,Z,Y"), "other columns than X, Y and Z"),
-    ("v.csv", VICON.replace("100,,", "fast,,", 1), "v.csv: .*'fast' is no number"),
     (
         "v.csv",
-        VICON.replace("7,0,1000", "7,0,1000,5,5,5"),
+        TRAJECTORIES.replace("X,Y,Z,X", "X,Y,Z,Y"),
+        "other columns than X, Y and Z",
+    ),
+    (
+        "v.csv",
+        TRAJECTORIES.replace("100,,", "fast,,", 1),
+        "v.csv: .*'fast' is no number",
+    ),
+    (
+        "v.csv",
+        TRAJECTORIES.replace("7,0,1000", "7,0,1000,5,5,5"),
         r"v\.csv:6: has 11 cells, not 8",
     ),
 ]
+
+
+MOTION_FILES = ("walk.trc", "fly.csv", "w.bvh", "v.csv")
+"""Files of shapes; all others are landmarks."""
+
+
+def write_content(path, content):
+    """Write an array, a text, a value as JSON, or a text and its data.yaml."""
+    if isinstance(content, np.ndarray):
+        np.save(path, content, allow_pickle=True)
+        return
+    if isinstance(content, tuple):
+        content, data_yaml = content
+        if data_yaml is not None:
+            (path.parents[1] / "data.yaml").write_text(data_yaml)
+    text = content if isinstance(content, str) else json.dumps(content)
+    path.write_text(text, encoding="utf-8")
 
 
 @pytest.mark.parametrize(("name", "content", "message"), REFUSED)
 def test_what_is_wrong_is_named(tmp_path, name, content, message):
     path = tmp_path / "set" / name
     path.parent.mkdir()
-    if isinstance(content, np.ndarray):
-        np.save(path, content, allow_pickle=True)
-    else:
-        if isinstance(content, tuple):
-            content, said = content
-            (tmp_path / "data.yaml").write_text(said) if said else None
-        text = content if isinstance(content, str) else json.dumps(content)
-        path.write_text(text, encoding="utf-8")
-    shapes = name in ("walk.trc", "fly.csv", "w.bvh", "v.csv")
-    keypoints = (
-        {} if name.endswith((".csv", ".txt", ".npy")) else {"keypoints": "numbered"}
-    )
+    write_content(path, content)
+    keypoints = {"keypoints": "numbered"} if path.suffix == ".json" else {}
+    read_file = load_shapes if name in MOTION_FILES else read
     with pytest.raises(InputError, match=message):
-        load_shapes(path) if shapes else read(path, **keypoints)
+        read_file(path, **keypoints)

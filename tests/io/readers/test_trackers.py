@@ -74,7 +74,8 @@ def test_points_confidence_and_names(tmp_path, points, confidence, read, name, m
     if name == "table.csv":
         who = "animal0/" if many == 2 else ""
         assert found.items[:2] == (f"table/{who}0", f"table/{who}1")
-    assert (found.unit, found.y_axis) == ("px", "down")
+    assert found.unit == "px"
+    assert found.y_axis == "down"
 
 
 @pytest.mark.parametrize(
@@ -96,12 +97,10 @@ def test_jabs(tmp_path, rng, read, problem):
     points[3, 0, 2] = np.nan
     made.write_jabs(tmp_path / JABS, points, np.full((7, 1, 12), 0.5))
     found = read(tmp_path / JABS)
-    np.testing.assert_array_equal(found.as_columns().swapaxes(1, 2), points[:, 0])
+    np.testing.assert_array_equal(found.points, points[:, 0])
     assert found.confidence[3].tolist() == [0.5, 0.5, 0, *[0.5] * 9]
-    assert (found.items[0], found.landmark_names[:2]) == (
-        "mouse/0",
-        ("NOSE", "LEFT_EAR"),
-    )
+    assert found.items[0] == "mouse/0"
+    assert found.landmark_names[:2] == ("NOSE", "LEFT_EAR")
     assert {*found.lines.ravel()} == {*range(12)}  # no landmark stands alone
     with h5py.File(tmp_path / JABS, "a") as file:
         values = file["poseest/points"][:]
@@ -243,7 +242,8 @@ def test_axes_of_analysis_files(tmp_path, rng, read, stated):
     win.
     """
     n = 2 if stated else 5
-    points, confidence = rng.normal(size=(n, 2, 2, 2)), rng.uniform(0.1, 1, (n, 2, 2))
+    points = rng.normal(size=(n, 2, 2, 2))
+    confidence = rng.uniform(0.1, 1, (n, 2, 2))
     path = tmp_path / "p.analysis.h5"
     made.write_sleap_analysis(path, points, confidence)
     want = read(path)
@@ -254,7 +254,7 @@ def test_axes_of_analysis_files(tmp_path, rng, read, stated):
             file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
             file["point_scores"].attrs["dims"] = '["frame", "track", "node"]'
     found = read(path)
-    np.testing.assert_array_equal(found.as_columns(), want.as_columns())
+    np.testing.assert_array_equal(found.points, want.points)
     np.testing.assert_array_equal(found.confidence, want.confidence)
 
 
@@ -379,7 +379,7 @@ def test_a_landmark_that_an_individual_lacks_is_unseen(tmp_path, read):
         "scorer,n,n,n,n,n,n\nindividuals,one,one,one,one,single,single\n"
         "bodyparts,a,a,b,b,c,c\ncoords,x,y,x,y,x,y\n0,1,2,3,4,5,6\n"
     )
-    one, single = read(tmp_path / "t.csv").as_columns().swapaxes(1, 2)
+    one, single = read(tmp_path / "t.csv").points
     np.testing.assert_array_equal(one, [[1, 2], [3, 4], [np.nan] * 2])
     np.testing.assert_array_equal(single, [[np.nan] * 2] * 2 + [[5, 6]])
 
@@ -412,7 +412,7 @@ def test_an_analysis_file_of_tracks_and_nodes_alone(
         for name in set(file) - {"tracks", "node_names"}:
             del file[name]
     found = read(path)
-    np.testing.assert_array_equal(found.as_columns(), whole.as_columns())
+    np.testing.assert_array_equal(found.points, whole.points)
     assert found.landmark_names == whole.landmark_names
     assert found.sequences == tuple(
         name.replace("animal", "track_") for name in whole.sequences
@@ -432,7 +432,7 @@ def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, u
             data.attrs["conversion"] = 0.001
     shapes, _ = load_shapes(tmp_path / "poses.nwb")
     assert shapes.unit == unit
-    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), points[:, 0] / 1000)
+    np.testing.assert_allclose(shapes.points, points[:, 0] / 1000)
 
 
 @pytest.fixture

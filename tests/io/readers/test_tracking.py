@@ -26,16 +26,22 @@ FIGURE = np.array(
 """Head, neck, shoulders, hands, hips, knees and feet of a figure 170 pixels high."""
 
 
+SWING = [0, 0, 0, 0, 25, -25, 0, 0, -12, 12, -25, 25]
+"""How far each landmark swings, in pixels."""
+
+
 def walking(
     start: float, speed: float, frames: int, rng: np.random.Generator
 ) -> Floats:
     """A figure (frames, p, 2) of its own size and gait walks across the image, with
     noise.
     """
-    phase = 2 * np.pi * (np.arange(frames) / 30 + rng.random())
-    swing = np.outer(np.sin(phase), [0, 0, 0, 0, 25, -25, 0, 0, -12, 12, -25, 25])
-    figure = np.repeat(rng.uniform(0.8, 1.2) * FIGURE[None], frames, axis=0)
-    figure[..., 0] += start + speed * np.arange(frames)[:, None] + swing
+    frame = np.arange(frames)
+    phase = 2 * np.pi * (frame / 30 + rng.random())
+    size = rng.uniform(0.8, 1.2)
+    figure = np.repeat(size * FIGURE[None], frames, axis=0)
+    swing = np.outer(np.sin(phase), SWING)
+    figure[..., 0] += start + speed * frame[:, None] + swing
     return figure + rng.standard_normal(figure.shape)
 
 
@@ -66,17 +72,15 @@ def recording(points: Sequence[Floats], frames: Sequence[int]) -> Poses:
 
 
 def tracks(poses: Poses) -> NDArray[np.int64]:
-    return np.array(
-        [int(who.partition(" ")[2] or 0) for who in track_people(poses) or ()]
-    )
+    """Return the number of the track of each pose, 0 for none."""
+    names = track_people(poses) or ()
+    return np.array([int(name.partition(" ")[2] or 0) for name in names])
 
 
 def same_partition(found: NDArray[np.int64], who: Floats) -> bool:
-    return (
-        len({*zip(found.tolist(), who.tolist(), strict=True)})
-        == len({*who.tolist()})
-        == len({*found.tolist()})
-    )
+    """Say whether each track is one person, and each person one track."""
+    pairs = {*zip(found.tolist(), who.tolist(), strict=True)}
+    return len(pairs) == len({*who.tolist()}) == len({*found.tolist()})
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -87,36 +91,45 @@ def test_two_people_who_cross_in_any_order(seed: int) -> None:
     assert same_partition(tracks(block), who)
 
 
+@pytest.mark.parametrize(
+    ("gap", "numbers"), [(MAX_UNSEEN_FRAMES, {1}), (MAX_UNSEEN_FRAMES + 1, {1, 2})]
+)
 def test_a_short_gap_is_survived_and_a_long_one_is_not(
-    rng: np.random.Generator,
+    rng: np.random.Generator, gap: int, numbers: set[int]
 ) -> None:
-    for gap, numbers in ((MAX_UNSEEN_FRAMES, {1}), (MAX_UNSEEN_FRAMES + 1, {1, 2})):
-        one = walking(0, 1, 60, rng)
-        one[20 : 20 + gap] = np.nan
-        assert {*tracks(instances([one], None)[0]).tolist()} == numbers
+    person = walking(0, 1, 60, rng)
+    person[20 : 20 + gap] = np.nan
+    poses, _ = instances([person], None)
+    assert {*tracks(poses).tolist()} == numbers
 
 
 def test_identities_of_the_file_and_empty_detections_stay(
     rng: np.random.Generator,
 ) -> None:
-    block, _ = instances([walking(0, 1, 4, rng), walking(500, 1, 4, rng)], None)
-    points = block.points.copy()
+    people = [walking(0, 1, 4, rng), walking(500, 1, 4, rng)]
+    poses, _ = instances(people, None)
+    points = poses.points.copy()
     points[2] = np.nan
-    block = replace(block, individual=["", "person 1", *[""] * 6], points=points)
-    assert track_people(block) == [
-        "person 2",
-        "person 1",
-        "",
-        *["person 3", "person 2"] * 2,
-        "person 3",
-    ]
+    given = ["", "person 1", *[""] * 6]
+    poses = replace(poses, individual=given, points=points)
+    expected = ["person 2", "person 1", "", "person 3", "person 2", "person 3"]
+    assert track_people(poses) == [*expected, "person 2", "person 3"]
 
 
 def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
-    block, who = instances([walking(0, 1, 20, rng), walking(0, 1, 20, rng)], None)
-    order = np.lexsort((block.frame, who))
-    block = replace(block, video=[f"camera {n}" for n in who.tolist()]).take(order)
-    assert (tracks(block) == who[order] + 1).all()
+    people = [walking(0, 1, 20, rng), walking(0, 1, 20, rng)]
+    poses, who = instances(people, None)
+    order = np.lexsort((poses.frame, who))
+    videos = [f"camera {number}" for number in who.tolist()]
+    of_two_cameras = replace(poses, video=videos).take(order)
+    np.testing.assert_array_equal(tracks(of_two_cameras), who[order] + 1)
+
+
+def optimal_pairs(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the pairs that scipy finds in the whole matrix."""
+    rows, columns = linear_sum_assignment(np.where(allowed, cost, 1000.0))
+    pairs = zip(rows, columns, strict=True)
+    return [(row, column) for row, column in pairs if allowed[row, column]]
 
 
 def test_assignment_is_optimal(rng: np.random.Generator) -> None:
@@ -125,16 +138,18 @@ def test_assignment_is_optimal(rng: np.random.Generator) -> None:
         cost = rng.random(rng.integers(1, 6, size=2))
         allowed = rng.random(cost.shape) < 0.7
         pairs = assign(cost, allowed)
-        rows, columns = linear_sum_assignment(np.where(allowed, cost, 1000.0))
-        best = [(a, b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]]
-        assert (
-            len({a for a, _ in pairs})
-            == len({b for _, b in pairs})
-            == len(pairs)
-            == len(best)
-        )
+        best = optimal_pairs(cost, allowed)
+        total = sum(cost[pair] for pair in pairs)
+        least = sum(cost[pair] for pair in best)
+        assert len(pairs) == len(best)
+        assert len({row for row, _ in pairs}) == len(pairs)
+        assert len({column for _, column in pairs}) == len(pairs)
         assert all(allowed[pair] for pair in pairs)
-        assert sum(cost[p] for p in pairs) == pytest.approx(sum(cost[p] for p in best))
+        assert total == pytest.approx(least)
+
+
+def last_number(item: str) -> int:
+    return int(item.split("/")[-1])
 
 
 @pytest.mark.real_data
@@ -146,55 +161,48 @@ def test_the_man_on_the_beam_is_one_person(
     parts.
     """
     folder = real_data / "detected" / "pose2sim_balancing"
+    detections = folder / "openpose_json" / f"{camera}_json"
     with h5py.File(folder / f"{camera}.h5") as file:
         truth = file["landmarks"][:]
-        frames = [int(item.decode().split("/")[-1]) for item in file["item"][:]]
+        frames = [last_number(item.decode()) for item in file["item"][:]]
     options = InputOptions(keypoints="body_25b", track="nearest")
-    with open_landmarks(
-        [folder / "openpose_json" / f"{camera}_json"], options
-    ) as source:
+    with open_landmarks([detections], options) as source:
         images = source.whole()
-    assert images.sequences is not None
     man = images.take([name.endswith("person 1") for name in images.sequences])
-    assert len(man) == 100
-    found = dict(
-        zip(
-            (int(item.split("/")[-1]) for item in man.items),
-            man.as_columns(),
-            strict=True,
-        )
-    )
-    same = [
-        np.allclose(found[frame].T, own, atol=1e-3, equal_nan=True)
-        for frame, own in zip(frames, truth, strict=True)
+    by_frame = dict(zip(map(last_number, man.items), man.landmarks, strict=True))
+    agree = [
+        np.allclose(by_frame[frame], points, atol=1e-3, equal_nan=True)
+        for frame, points in zip(frames, truth, strict=True)
     ]
-    assert sum(same) == agreeing
+    assert len(man) == 100
+    assert sum(agree) == agreeing
 
 
-def follow(figures: Sequence[Floats], frames: Sequence[int]) -> list[int]:
-    """Return the numbers of the tracks of one figure a frame."""
-    return tracks(recording(figures, frames)).tolist()
+def is_followed(figures: Sequence[Floats], frames: Sequence[int]) -> bool:
+    """Say whether the last of one figure a frame is the first."""
+    numbers = tracks(recording(figures, frames))
+    return numbers[0] == numbers[-1]
+
+
+REACH = [
+    (0, 0.33, True),
+    (0, 0.4, False),
+    (3, 0.6, True),
+    (3, 0.7, False),
+    (9, 0.95, True),
+]
+"""Missed frames, how far a figure moved in its size, and whether it is the same."""
 
 
 SIZE = float(np.hypot(56, 170))
 """Diagonal of the box of FIGURE."""
 
 
-@pytest.mark.parametrize(
-    ("missed", "moved", "same"),
-    [
-        (0, 0.33, True),
-        (0, 0.4, False),
-        (3, 0.6, True),
-        (3, 0.7, False),
-        (9, 0.95, True),
-    ],
-)
+@pytest.mark.parametrize(("missed", "moved", "same"), REACH)
 def test_the_reach_grows_with_the_frames_that_are_missed(missed, moved, same):
     """0.35 of the size, and 0.1 for each frame without a detection, up to 1."""
-    there = FIGURE + np.array([moved * SIZE, 0])
-    found = follow([FIGURE, there], [0, missed + 1])
-    assert (found[0] == found[1]) == same
+    moved_figure = FIGURE + np.array([moved * SIZE, 0])
+    assert is_followed([FIGURE, moved_figure], [0, missed + 1]) == same
 
 
 @pytest.mark.parametrize(("moved", "same"), [(0.7, True), (0.8, False)])
@@ -202,8 +210,9 @@ def test_who_is_missed_is_expected_to_walk_on_for_three_frames(moved, same):
     """And then to stand: 4 missed frames add 0.4 to the reach of 0.35."""
     step = np.array([0.2 * SIZE, 0])
     walk = [FIGURE + number * step for number in range(30)]
-    found = follow([*walk, walk[-1] + 3 * step + (moved * SIZE, 0)], [*range(30), 34])
-    assert (found[0] == found[-1]) == same
+    stands = walk[-1] + 3 * step
+    found_again = stands + np.array([moved * SIZE, 0])
+    assert is_followed([*walk, found_again], [*range(30), 34]) == same
 
 
 @pytest.mark.parametrize(("frames", "same"), [(2, True), (60, False)])
@@ -214,16 +223,17 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     half = FIGURE.copy()
     half[1:4] += (0, 20)
     half[4:] = np.nan
-    parts = [FIGURE, *[half] * frames, half + np.array([40, 0])]
-    found = follow(parts, list(range(len(parts))))
-    assert (found[0] == found[-1]) == same
+    moved = half + np.array([40, 0])
+    figures = [FIGURE, *[half] * frames, moved]
+    assert is_followed(figures, range(len(figures))) == same
 
 
 @pytest.mark.parametrize(("moved", "same"), [(25, True), (40, False)])
 def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(
     moved, same
 ):
-    left, right = FIGURE.copy(), FIGURE + np.array([moved, 0])
-    left[1::2], right[::2] = np.nan, np.nan
-    found = follow([left, right], [0, 1])
-    assert (found[0] == found[1]) == same
+    left = FIGURE.copy()
+    right = FIGURE + np.array([moved, 0])
+    left[1::2] = np.nan
+    right[::2] = np.nan
+    assert is_followed([left, right], [0, 1]) == same

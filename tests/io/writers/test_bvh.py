@@ -11,146 +11,168 @@ from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.writers.bvh import find_angles
 from shapefit.records import Shapes
+from tests.columns import in_rows
 from tests.io.files import save
 
 MILLIMETRE = 1e-3
 
-LIMBS = "UpLeg Leg Foot Arm ForeArm Hand"
-RIGHT, LEFT = (
-    [f"{side}{limb}" for limb in LIMBS.split()] for side in ("Right", "Left")
-)
+LIMBS = ["UpLeg", "Leg", "Foot", "Arm", "ForeArm", "Hand"]
+RIGHT = [f"Right{limb}" for limb in LIMBS]
+LEFT = [f"Left{limb}" for limb in LIMBS]
 NAMES = ["Hips", *RIGHT[:3], *LEFT[:3], "Spine2", "Head", *RIGHT[3:], *LEFT[3:]]
 """Of the joints of PEOPLE."""
 
 
-def places(path, names):
-    """Return the joints (f, 3, p) of these names in a file, and its frame rate."""
+@pytest.fixture
+def target(tmp_path):
+    return tmp_path / "man.bvh"
+
+
+def read_joints(path, names):
+    """Return the joints (f, 3, p) of these names in a file."""
     back = read_shapes([path])
     columns = [back.landmark_names.index(name) for name in names]
-    return back.as_columns()[:, :, columns], back.frame_rate
+    return back.as_columns()[:, :, columns]
 
 
-def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
+def assert_joints_near(joints, expected):
+    np.testing.assert_allclose(joints, expected, atol=0.02 * MILLIMETRE)
+
+
+def test_rigid_bones_come_back_to_a_millimetre(target, project):
     shapes = read_shapes([project / "sample_data/people_test.h5"])
-    summary = save(tmp_path / "man.bvh", shapes)
-    assert re.search(
-        r"joints of \w+ 0\.0 mm from the landmarks on average", summary.note
-    )
+    summary = save(target, shapes)
     sequences = np.array(shapes.sequences)
+    note = r"joints of \w+ 0\.0 mm from the landmarks on average"
+    assert re.search(note, summary.note)
     assert len(summary.written) == 8
     for path in summary.written:
-        points, rate = places(path, NAMES)
-        assert rate == 24
-        truth = shapes.as_columns()[sequences == path.stem.removeprefix("man_")]
-        np.testing.assert_allclose(points, truth, atol=0.02 * MILLIMETRE)
+        sequence = path.stem.removeprefix("man_")
+        expected = shapes.as_columns()[sequences == sequence]
+        assert_joints_near(read_joints(path, NAMES), expected)
+        assert read_shapes([path]).frame_rate == 24
 
 
-def test_a_result_is_in_metres_and_rests_in_a_t(tmp_path, scene):
-    """At rest arms point to the sides, the left one to +x; legs down, head up."""
-    summary = save(tmp_path / "man.bvh", scene.result)
-    points, rate = places(tmp_path / "man.bvh", NAMES)
-    assert rate == 25
-    np.testing.assert_allclose(points, scene.y_up, atol=0.02 * MILLIMETRE)
+def test_a_result_is_in_metres(target, scene):
+    summary = save(target, scene.result)
+    assert_joints_near(read_joints(target, NAMES), scene.y_up)
+    assert read_shapes([target]).frame_rate == 25
     assert "in m by the size of the training shapes, y up, the axis z" in summary.note
-    text = (tmp_path / "man.bvh").read_text(encoding="utf-8")
+
+
+REST_DIRECTIONS = {
+    (1, 0, 0): ("LeftArm", "LeftForeArm", "LeftHand"),
+    (-1, 0, 0): ("RightArm", "RightForeArm", "RightHand"),
+    (0, -1, 0): ("LeftLeg", "LeftFoot", "RightLeg", "RightFoot"),
+    (2**-0.5, -(2**-0.5), 0): ("LeftUpLeg",),
+    (0, 1, 0): ("Spine2", "Head"),
+}
+"""Direction -> bones. Arms point to the sides, the left one to +x; legs down, head
+up.
+"""
+
+
+JOINTS_BETWEEN = {"Spine", "Neck", "LeftShoulder", "RightShoulder", "LeftHipJoint"}
+"""Joints that are no landmark."""
+
+
+def test_a_result_rests_in_a_t(target, scene):
+    save(target, scene.result)
+    text = target.read_text(encoding="utf-8")
     rest = re.findall(r"(?:JOINT|ROOT) (\S+)\s*\{\s*OFFSET (\S+) (\S+) (\S+)", text)
     bones = {name: np.array(offset, float) for name, *offset in rest}
-    assert {
-        "Spine",
-        "Neck",
-        "LeftShoulder",
-        "RightShoulder",
-        "LeftHipJoint",
-    } <= bones.keys()
-    for names, direction in (
-        (("LeftArm", "LeftForeArm", "LeftHand"), (1, 0, 0)),
-        (("RightArm", "RightForeArm", "RightHand"), (-1, 0, 0)),
-        (("LeftLeg", "LeftFoot", "RightLeg", "RightFoot"), (0, -1, 0)),
-        (("LeftUpLeg",), (2**-0.5, -(2**-0.5), 0)),
-        (("Spine2", "Head"), (0, 1, 0)),
-    ):
+    assert bones.keys() >= JOINTS_BETWEEN
+    for direction, names in REST_DIRECTIONS.items():
         for name in names:
             length = np.linalg.norm(bones[name])
-            np.testing.assert_allclose(
-                bones[name], length * np.array(direction), atol=1e-5
-            )
+            expected = length * np.array(direction)
+            np.testing.assert_allclose(bones[name], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
-def test_the_time_of_a_frame_is_exact_to_ten_digits(tmp_path, shapes, rate):
-    save(tmp_path / "man.bvh", shapes.replaced(frame_rate=rate))
-    (line,) = re.findall(r"Frame Time: (\S+)", (tmp_path / "man.bvh").read_text())
-    assert 1 / float(line) == pytest.approx(rate, rel=1e-9)
+def test_the_time_of_a_frame_is_exact_to_ten_digits(target, shapes, rate):
+    save(target, shapes.replaced(frame_rate=rate))
+    (time,) = re.findall(r"Frame Time: (\S+)", target.read_text())
+    assert 1 / float(time) == pytest.approx(rate, rel=1e-9)
 
 
 def test_the_note_says_how_far_bones_that_stretch_are_from_the_landmarks(
-    tmp_path, scene, shapes
+    target, scene, shapes
 ):
-    shapes.shapes[2, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
-    summary = save(tmp_path / "man.bvh", shapes, up="z")
-    points, _ = places(tmp_path / "man.bvh", ["LeftHand"])
-    truth = scene.y_up[..., PEOPLE.index("lwrist")] + [
-        [0, 0, 0],
-        [0, 0, 0],
-        [0, 0.1, 0],
-        [0, 0, 0],
-    ]
-    far = np.linalg.norm(points[..., 0] - truth, axis=1).max()
-    assert far > 20 * MILLIMETRE
-    assert f"{1000 * far:.1f} at most" in summary.note
+    wrist = PEOPLE.index("lwrist")
+    stretch = 0.1
+    shapes.shapes[2, wrist, 2] += 100 * stretch  # in cm
+    summary = save(target, shapes, up="z")
+    expected = scene.y_up[..., wrist]
+    expected[2, 1] += stretch
+    hand = read_joints(target, ["LeftHand"])[..., 0]
+    largest = np.linalg.norm(hand - expected, axis=1).max()
+    assert largest > 20 * MILLIMETRE
+    assert f"{1000 * largest:.1f} at most" in summary.note
 
 
-def test_gaps_are_bridged_and_what_has_no_place_is_left_out(tmp_path, shapes):
-    shapes.shapes[1, 3] = np.nan
+def test_gaps_are_bridged(target, shapes):
+    ankle = 3
+    ends = shapes.shapes[:, ankle] / 100
+    middle = (ends[0] + ends[2]) / 2
+    shapes.shapes[1, ankle] = np.nan
+    save(target, shapes)
+    foot = read_joints(target, ["RightFoot"])[1, :, 0]
+    np.testing.assert_allclose(foot, middle, atol=20 * MILLIMETRE)
+
+
+def test_what_has_no_place_is_left_out(target, shapes):
     shapes.shapes[:, 8] = np.nan
-    save(tmp_path / "man.bvh", shapes)
-    points, _ = places(tmp_path / "man.bvh", ["RightFoot"])
-    ends = shapes.as_columns()[..., 3] / 100
-    np.testing.assert_allclose(
-        points[1, :, 0], (ends[0] + ends[2]) / 2, atol=20 * MILLIMETRE
-    )
-    assert "Head" not in read_shapes([tmp_path / "man.bvh"]).landmark_names
+    save(target, shapes)
+    assert "Head" not in read_shapes([target]).landmark_names
 
 
 @pytest.fixture
 def animal(rng) -> Shapes:
     body = np.array([[0, 0, 0.0], [-1, 0, 0], [1, 0.2, 0], [1, -0.2, 0]]).T / 10
-    edges = np.array([[0, 1], [0, 2], [0, 3]])
-    names, sequences = ("the back", "tail", "left {ear}", "nose{}"), ("rat",) * 6
-    moved = random_rotations(6, rng) @ body
+    turned = random_rotations(6, rng) @ body
     return Shapes(
-        moved.swapaxes(1, 2),
-        landmark_names=names,
+        in_rows(turned),
+        landmark_names=("the back", "tail", "left {ear}", "nose{}"),
         items=tuple("012345"),
-        sequences=sequences,
-        edges=edges,
+        sequences=("rat",) * 6,
+        edges=np.array([[0, 1], [0, 2], [0, 3]]),
         unit="m",
         frame_rate=30.0,
     )
 
 
-def test_other_classes_keep_their_names(tmp_path, animal):
-    save(tmp_path / "rat.bvh", animal)
-    points, _ = places(tmp_path / "rat.bvh", ["the_back", "tail", "left_ear_", "nose_"])
-    np.testing.assert_allclose(points, animal.as_columns(), atol=0.02 * MILLIMETRE)
+def test_other_classes_keep_their_names(target, animal):
+    save(target, animal)
+    joints = read_joints(target, ["the_back", "tail", "left_ear_", "nose_"])
+    assert_joints_near(joints, animal.as_columns())
 
 
-def test_without_edges_or_shapes_it_is_refused(tmp_path, animal, problems):
-    nowhere = animal.replaced(
-        shapes=np.full_like(animal.as_columns(), np.nan).swapaxes(1, 2)
-    )
-    for shapes in (animal.replaced(edges=None), nowhere):
-        (line,) = problems(save, tmp_path / "rat.bvh", shapes)
-        assert line.startswith("rat.bvh: no edge joins two landmarks that have a place")
-        assert "write TRC or C3D" in line
+@pytest.mark.parametrize("change", ["no edges", "no places"])
+def test_without_edges_or_shapes_it_is_refused(tmp_path, animal, problems, change):
+    changed = {
+        "no edges": animal.replaced(edges=None),
+        "no places": animal.replaced(shapes=np.full_like(animal.shapes, np.nan)),
+    }
+    (line,) = problems(save, tmp_path / "rat.bvh", changed[change])
+    assert line.startswith("rat.bvh: no edge joins two landmarks that have a place")
+    assert "write TRC or C3D" in line
     assert not list(tmp_path.iterdir())
 
 
-def test_angles_are_those_of_the_rotations_and_change_little(rng):
+def rotations_of(angles):
+    return Rotation.from_euler("ZXY", angles).as_matrix()
+
+
+def test_angles_are_those_of_the_rotations(rng):
     R = random_rotations(50, rng)
-    back = Rotation.from_euler("ZXY", find_angles(R[None])[0]).as_matrix()
-    np.testing.assert_allclose(back, R, atol=1e-12)
-    slow = np.radians(np.linspace(0, 1000, 400))
-    through = np.stack([0.3 * np.sin(slow), slow, slow / 3], axis=1)
-    angles = find_angles(Rotation.from_euler("ZXY", through).as_matrix()[None])[0]
-    assert np.abs(np.diff(angles, axis=0)).max() < np.radians(6)
+    (angles,) = find_angles(R[None])
+    np.testing.assert_allclose(rotations_of(angles), R, atol=1e-12)
+
+
+def test_angles_of_slow_turns_change_little():
+    turn = np.radians(np.linspace(0, 1000, 400))
+    smooth = np.stack([0.3 * np.sin(turn), turn, turn / 3], axis=1)
+    (angles,) = find_angles(rotations_of(smooth)[None])
+    steps = np.abs(np.diff(angles, axis=0))
+    assert steps.max() < np.radians(6)

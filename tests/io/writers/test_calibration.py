@@ -10,124 +10,153 @@ from shapefit.errors import InputError
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.readers.calibration import read_camera
-from shapefit.io.writers import motion
+from shapefit.io.writers import calibration, motion
 from shapefit.records import concatenate
 from tests.io.files import save
 from tests.io.writers.conftest import CENTRE, FOCAL, trc_points
 
 
 @pytest.fixture
+def target(tmp_path):
+    return tmp_path / "walk.toml"
+
+
+@pytest.fixture
 def filmed(scene):
     """The result of the scene with its camera, as a fit stores it."""
-    n = len(scene.result)
-    return replace(
-        scene.result,
-        focal=np.full((n, 2), FOCAL),
-        principal_point=np.tile(CENTRE, (n, 1)),
-    )
+    count = len(scene.result)
+    focal = np.full((count, 2), FOCAL)
+    centre = np.tile(CENTRE, (count, 1))
+    return replace(scene.result, focal=focal, principal_point=centre)
 
 
-def without_extrinsics(record):
-    return record.without({"extrinsic_rotation", "extrinsic_translation"})
+@pytest.fixture
+def filmed_alone(filmed):
+    """The result without the place of its camera in the world."""
+    return filmed.without({"extrinsic_rotation", "extrinsic_translation"})
 
 
 def project(camera, points):
     """Return where a camera sees points (f, 3, p) of its world, in pixels."""
-    there = camera.rotation @ points + camera.translation[:, None]
-    seen = camera.matrix @ there
-    return seen[:, :2] / seen[:, 2:]
+    from_camera = camera.rotation @ points + camera.translation[:, None]
+    image = camera.matrix @ from_camera
+    return image[:, :2] / image[:, 2:]
 
 
 def landmarks_of(record):
     """Return where the shapes of a record lie in the image, (n, 2, p)."""
     shapes = record.as_columns().copy()
     shapes[:, :2] -= record.translation[..., None]
-    there = shapes / record.scale[:, None, None] + record.camera_translation[..., None]
-    return CENTRE[:, None] + FOCAL * there[:, :2] / there[:, 2:]
+    scaled = shapes / record.scale[:, None, None]
+    from_camera = scaled + record.camera_translation[..., None]
+    return CENTRE[:, None] + FOCAL * from_camera[:, :2] / from_camera[:, 2:]
 
 
 FLOOR = Floor(np.array([0.1, 0.9, 0.2]) / 0.86**0.5, 1.5, -12.0, 6.0, 0.1, 2.0, 2.0)
 
 
-@pytest.mark.parametrize("world", ["extrinsics", "camera", "floor"])
-def test_points_in_metres_lie_on_the_landmarks(tmp_path, filmed, monkeypatch, world):
-    if world != "extrinsics":
-        filmed = without_extrinsics(filmed)
-    if world == "floor":
-        floors = {"film": FLOOR}
-        for module in (motion, calibration_writer()):
-            monkeypatch.setattr(module, "find_floors", lambda *_: floors)
-    save(tmp_path / "walk.trc", filmed)
-    save(tmp_path / "walk.toml", filmed)
-    points = trc_points(tmp_path / "walk.trc")
-    camera = read_camera(tmp_path / "walk.toml", None)
-    np.testing.assert_allclose(project(camera, points), landmarks_of(filmed), atol=1e-3)
-    if world == "floor":
-        assert (-camera.rotation.T @ camera.translation)[1] == pytest.approx(1.5)
+def check_camera(folder, record):
+    """Assert that the camera sees the points in metres on the landmarks; return it."""
+    save(folder / "walk.trc", record)
+    save(folder / "walk.toml", record)
+    points = trc_points(folder / "walk.trc")
+    camera = read_camera(folder / "walk.toml", None)
+    image = project(camera, points)
+    np.testing.assert_allclose(image, landmarks_of(record), atol=1e-3)
+    return camera
 
 
-def calibration_writer():
-    from shapefit.io.writers import calibration
-
-    return calibration
+def test_points_in_the_world_of_extrinsics_lie_on_the_landmarks(tmp_path, filmed):
+    check_camera(tmp_path, filmed)
 
 
-def test_a_section_has_what_pose2sim_and_anipose_read(tmp_path, filmed):
-    lens = np.array([-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0])
-    filmed = filmed.with_file_extras(
-        {"removed_distortion": lens, "image_size": np.array([1280, 960])}
+def test_points_before_the_camera_lie_on_the_landmarks(tmp_path, filmed_alone):
+    check_camera(tmp_path, filmed_alone)
+
+
+def test_points_on_the_floor_lie_on_the_landmarks(tmp_path, filmed_alone, monkeypatch):
+    floors = {"film": FLOOR}
+    for module in (motion, calibration):
+        monkeypatch.setattr(module, "find_floors", lambda *_: floors)
+    camera = check_camera(tmp_path, filmed_alone)
+    position = -camera.rotation.T @ camera.translation
+    assert position[1] == pytest.approx(1.5)
+
+
+LENS = np.array([-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0])
+
+
+@pytest.fixture
+def with_lens(filmed):
+    return filmed.with_file_extras(
+        {"removed_distortion": LENS, "image_size": np.array([1280, 960])}
     )
-    save(tmp_path / "walk.toml", filmed)
-    content = tomllib.loads((tmp_path / "walk.toml").read_text(encoding="utf-8"))
-    assert [*content] == ["cam01"]
-    section = content["cam01"]
+
+
+def test_a_section_has_what_pose2sim_and_anipose_read(target, with_lens):
+    save(target, with_lens)
+    content = tomllib.loads(target.read_text(encoding="utf-8"))
+    ((key, section),) = content.items()
+    assert key == "cam01"
     assert section["name"] == "film"
     assert section["size"] == [1280.0, 960.0]
     assert section["matrix"] == [[1000.0, 0.0, 640.0], [0.0, 1000.0, 480.0], [0, 0, 1]]
     assert section["distortions"] == [-0.1, 0.01, 0.001, 0.002]
-    assert [len(section[key]) for key in ("rotation", "translation")] == [3, 3]
+    assert len(section["rotation"]) == 3
+    assert len(section["translation"]) == 3
     assert section["fisheye"] is False
-    camera = read_camera(tmp_path / "walk.toml", "film")
-    np.testing.assert_array_equal(camera.distortion, lens)
 
 
-def test_each_video_has_its_camera(tmp_path, filmed):
-    filmed = without_extrinsics(filmed)
+def test_the_lens_comes_back(target, with_lens):
+    save(target, with_lens)
+    camera = read_camera(target, "film")
+    np.testing.assert_array_equal(camera.distortion, LENS)
+
+
+def test_each_video_has_its_camera(target, filmed_alone):
     other = replace(
-        filmed,
+        filmed_alone,
         items=tuple("abcd"),
         sequences=('day "2"/ben',) * 4,
-        focal=2 * filmed.focal,
+        focal=2 * filmed_alone.focal,
     )
-    summary = save(tmp_path / "walk.toml", concatenate([filmed, other]))
+    summary = save(target, concatenate([filmed_alone, other]))
+    first = read_camera(target, "film")
+    second = read_camera(target, 'day "2"')
     assert summary.note.startswith("2 cameras, in m, y up as in the image")
-    focals = [
-        read_camera(tmp_path / "walk.toml", name).matrix[0, 0]
-        for name in ("film", 'day "2"')
-    ]
-    assert focals == [FOCAL, 2 * FOCAL]
+    assert first.matrix[0, 0] == FOCAL
+    assert second.matrix[0, 0] == 2 * FOCAL
 
 
-def test_an_assumed_focal_length_is_warned_of(tmp_path, filmed):
-    assert not save(tmp_path / "walk.toml", filmed).warnings
-    assumed = np.full((4, 2), ASSUMED_FOCAL * 1280)
-    (warning,) = save(tmp_path / "walk.toml", replace(filmed, focal=assumed)).warnings
+def test_a_known_focal_length_is_not_warned_of(target, filmed):
+    assert not save(target, filmed).warnings
+
+
+def test_an_assumed_focal_length_is_warned_of(target, filmed):
+    focal = np.full((4, 2), ASSUMED_FOCAL * 1280)
+    assumed = replace(filmed, focal=focal)
+    (warning,) = save(target, assumed).warnings
     assert warning.startswith("the focal length was assumed, not measured")
-    assert f"# Beware: {warning}" in (tmp_path / "walk.toml").read_text("utf-8")
+    assert f"# Beware: {warning}" in target.read_text("utf-8")
+
+
+def with_changing_focal(record):
+    factors = np.arange(1, 5)[:, None]
+    return replace(record, focal=record.focal * factors)
 
 
 REFUSED = {
     "there is no perspective camera": lambda one: replace(one, focal=None),
     "y of the landmarks points up": lambda one: replace(one, y_axis="up"),
     "no image has a camera": lambda one: replace(one, focal=np.nan * one.focal),
-    "`focal` changes from image to image": lambda one: replace(
-        one, focal=one.focal * np.arange(1, 5)[:, None]
-    ),
+    "`focal` changes from image to image": with_changing_focal,
 }
+"""What is wrong, and what makes it so."""
 
 
 @pytest.mark.parametrize("message", REFUSED)
-def test_what_is_no_camera_at_rest_is_refused(tmp_path, filmed, message):
+def test_what_is_no_camera_at_rest_is_refused(tmp_path, target, filmed, message):
+    changed = REFUSED[message](filmed)
     with pytest.raises(InputError, match=f"walk.toml: {message}"):
-        save(tmp_path / "walk.toml", REFUSED[message](filmed))
+        save(target, changed)
     assert not [*tmp_path.iterdir()]

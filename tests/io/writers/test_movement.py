@@ -19,85 +19,117 @@ def two(scene):
     """Anna in the frames 7 to 10, and Ben, who is not trusted, in 9 to 12; with error
     bars.
     """
-    n, p, _ = scene.result.shapes.shape
+    count = len(scene.result)
     anna = replace(
         scene.result,
-        shape_sd=np.ones((n, p, 3)),
-        trusted=np.ones(n, bool),
-        reasons=np.array([""] * n, object),
+        shape_sd=np.ones_like(scene.result.shapes),
+        trusted=np.ones(count, bool),
+        reasons=np.array([""] * count, object),
     )
     ben = replace(
         anna,
-        items=tuple(f"film/ben/{i}" for i in range(n)),
-        sequences=("film/ben",) * n,
-        frames=np.arange(9, 9 + n),
-        trusted=np.zeros(n, bool),
-        reasons=np.array(["far"] * n, object),
+        items=tuple(f"film/ben/{i}" for i in range(count)),
+        sequences=("film/ben",) * count,
+        frames=np.arange(9, 9 + count),
+        trusted=np.zeros(count, bool),
+        reasons=np.array(["far"] * count, object),
     )
     return concatenate([anna, ben])
 
 
-def test_names_axes_and_attributes_are_those_that_movement_validates(tmp_path, two):
-    save(tmp_path / "poses.nc", two)
-    with h5py.File(tmp_path / "poses.nc") as file:
-        attributes = dict(file.attrs)
-        axes = attributes.pop("axes")
-        assert attributes == {
-            "ds_type": "poses",
-            "source_software": "shapefit",
-            "time_unit": "seconds",
-            "fps": 25.0,
-        }
-        assert axes == "y up, the axis z of the extrinsics; position from the camera"
-        for axis in AXES:
-            assert file[axis].is_scale
-            assert file[axis].attrs["NAME"].decode() == axis
-        for name in ("position", "confidence", "shape_sd"):
-            dataset = file[name]
-            wanted = AXES if name == "position" else (AXES[0], *AXES[2:])
-            assert tuple(dim[0].name.strip("/") for dim in dataset.dims) == wanted
-            assert dataset.dtype == np.float64
-        assert file["position"].shape == (6, 3, 15, 2)
-        assert file["space"].asstr()[()].tolist() == ["x", "y", "z"]
-        assert file["individuals"].asstr()[()].tolist() == ["film_anna", "film_ben"]
-        assert file["position"].attrs["units"] == "m"
-        np.testing.assert_allclose(file["time"], np.arange(7, 13) / 25)
-        confidence = file["confidence"][:, 0]
-        deviations = file["shape_sd"][()]
+@pytest.fixture
+def poses(tmp_path, two):
+    """The file of both, open."""
+    path = tmp_path / "poses.nc"
+    save(path, two)
+    with h5py.File(path) as file:
+        yield file
+
+
+def test_attributes_are_those_that_movement_validates(poses):
+    attributes = dict(poses.attrs)
+    axes = attributes.pop("axes")
+    assert axes == "y up, the axis z of the extrinsics; position from the camera"
+    assert attributes == {
+        "ds_type": "poses",
+        "source_software": "shapefit",
+        "time_unit": "seconds",
+        "fps": 25.0,
+    }
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_axes_are_scales_of_their_names(poses, axis):
+    assert poses[axis].is_scale
+    assert poses[axis].attrs["NAME"].decode() == axis
+
+
+WITHOUT_SPACE = ("time", "keypoints", "individuals")
+
+
+@pytest.mark.parametrize(
+    ("name", "axes"),
+    [("position", AXES), ("confidence", WITHOUT_SPACE), ("shape_sd", WITHOUT_SPACE)],
+)
+def test_datasets_have_the_axes_that_movement_validates(poses, name, axes):
+    dataset = poses[name]
+    scales = tuple(dimension[0].name.strip("/") for dimension in dataset.dims)
+    assert scales == axes
+    assert dataset.dtype == np.float64
+
+
+def test_names_and_times_along_the_axes(poses):
+    assert poses["position"].shape == (6, 3, 15, 2)
+    assert poses["position"].attrs["units"] == "m"
+    assert poses["space"].asstr()[()].tolist() == ["x", "y", "z"]
+    assert poses["individuals"].asstr()[()].tolist() == ["film_anna", "film_ben"]
+    np.testing.assert_allclose(poses["time"], np.arange(7, 13) / 25)
+
+
+def test_confidence_says_who_is_trusted_in_which_frames(poses):
+    confidence = poses["confidence"][:, 0]
     expected = [[1, np.nan], [1, np.nan], [1, 0], [1, 0], [np.nan, 0], [np.nan, 0]]
     np.testing.assert_array_equal(confidence, expected)
-    unit = two.metres_per_unit[0]
-    np.testing.assert_allclose(deviations[0, :, 0], np.sqrt(3) * unit)
-    assert np.isnan(deviations[0, :, 1]).all()
+
+
+def test_error_bars_are_in_metres(poses, two):
+    anna, ben = np.moveaxis(poses["shape_sd"][0], 1, 0)
+    expected = np.sqrt(3) * two.metres_per_unit[0]
+    np.testing.assert_allclose(anna, expected)
+    assert np.isnan(ben).all()
 
 
 def test_points_unit_and_rate_come_back(tmp_path, scene):
-    note = save(tmp_path / "poses.nc", scene.result).note
-    assert note.startswith("in m by the size of the training shapes, y up")
-    read = read_shapes([tmp_path / "poses.nc"])
-    assert (read.unit, read.frame_rate) == ("m", 25.0)
+    path = tmp_path / "poses.nc"
+    summary = save(path, scene.result)
+    read = read_shapes([path])
+    assert summary.note.startswith("in m by the size of the training shapes, y up")
+    assert read.unit == "m"
+    assert read.frame_rate == 25.0
     assert read.landmark_names == scene.result.landmark_names
     np.testing.assert_allclose(read.as_columns(), scene.y_up, atol=1e-9)
 
 
 def test_without_a_frame_rate_times_are_frames(tmp_path, scene):
-    summary = save(tmp_path / "poses.nc", replace(scene.result, frame_rate=None))
+    path = tmp_path / "poses.nc"
+    summary = save(path, replace(scene.result, frame_rate=None))
     assert "times are numbers of frames" in " ".join(summary.warnings)
-    with h5py.File(tmp_path / "poses.nc") as file:
+    with h5py.File(path) as file:
         assert file.attrs["time_unit"] == "frames"
         assert "fps" not in file.attrs
         assert file["time"][()].tolist() == [7, 8, 9, 10]
-    assert read_shapes([tmp_path / "poses.nc"]).frame_rate is None
+    assert read_shapes([path]).frame_rate is None
 
 
 def test_sequences_of_several_rates_are_refused(tmp_path, scene):
-    one = replace(scene.result, frame_rate=None, times=np.arange(4) / 25)
-    other = replace(
-        one,
+    at_25 = replace(scene.result, frame_rate=None, times=np.arange(4) / 25)
+    at_50 = replace(
+        at_25,
         items=tuple("abcd"),
         sequences=("film/ben",) * 4,
         times=np.arange(4) / 50,
     )
+    both = concatenate([at_25, at_50])
     with pytest.raises(InputError, match="have 25 and 50 frames per second; convert"):
-        save(tmp_path / "poses.nc", concatenate([one, other]))
+        save(tmp_path / "poses.nc", both)
     assert not [*tmp_path.iterdir()]

@@ -14,6 +14,7 @@ from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate.run import evaluate_results as run
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Shapes
+from tests.columns import in_rows
 from tests.io.files import save
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -25,7 +26,7 @@ ITEMS = tuple(f"item{i}" for i in range(N))
 @pytest.fixture
 def truth(rng):
     return Shapes(
-        rng.standard_normal((N, 3, 5)).swapaxes(1, 2),
+        rng.standard_normal((N, 5, 3)),
         landmark_names=NAMES,
         items=ITEMS,
         sequences=SEQUENCES,
@@ -39,28 +40,26 @@ def results(truth, rng):
     bars.
     """
     R = random_rotations(N, rng)
-    shapes = R @ truth.as_columns() + 0.2 * rng.standard_normal(
-        truth.as_columns().shape
-    )
+    turned = in_rows(R @ truth.as_columns())
+    shapes = turned + 0.2 * rng.standard_normal(turned.shape)
     return Fit(
-        shapes.swapaxes(1, 2),
-        landmarks_fitted=shapes[:, :2].swapaxes(1, 2),
+        shapes,
+        landmarks_fitted=shapes[..., :2],
         rotation=R,
         landmark_names=NAMES,
         items=ITEMS,
         sequences=SEQUENCES,
         unit="px",
-        landmarks=(R @ truth.as_columns())[:, :2].swapaxes(1, 2),
+        landmarks=turned[..., :2],
         extras={"true_rotation": R},
     )
 
 
 @pytest.fixture
 def with_bars(results, rng):
-    return results.replaced(
-        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)).swapaxes(1, 2),
-        shape_correlation=rng.uniform(-0.3, 0.3, (N, 5, 3)),
-    )
+    shape_sd = rng.uniform(0.1, 0.3, (N, 5, 3))
+    correlation = rng.uniform(-0.3, 0.3, (N, 5, 3))
+    return results.replaced(shape_sd=shape_sd, shape_correlation=correlation)
 
 
 @dataclass(frozen=True)

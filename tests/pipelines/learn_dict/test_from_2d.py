@@ -2,9 +2,9 @@
 said.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,11 +21,16 @@ from shapefit.io import (
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import describe_prediction, error_of_hidden
-from shapefit.records import Landmarks
+from shapefit.pipelines.result import Result
+from shapefit.records import Fit, Landmarks
+from tests.columns import in_rows
 from tests.io.files import load, save
-from tests.pipelines.fitted import fit_file
+from tests.pipelines.fitted import fit_file, texts
 
-N, P = 60, 10
+IMAGE_COUNT = 60
+
+
+P = 10
 
 
 @pytest.fixture(scope="module")
@@ -34,21 +39,41 @@ def class_of_shapes():
     rng = np.random.default_rng(20150607)
     mean = rng.standard_normal((3, P))
     bends = 0.15 * rng.standard_normal((2, 3, P))
-    bent = mean + np.einsum("nk,kip->nip", rng.standard_normal((N, 2)), bends)
-    shapes = random_rotations(N, rng) @ bent
+    amounts = rng.standard_normal((IMAGE_COUNT, 2))
+    bent = mean + np.einsum("nk,kip->nip", amounts, bends)
+    shapes = random_rotations(IMAGE_COUNT, rng) @ bent
     return shapes - shapes.mean(axis=2, keepdims=True)
 
 
-def learn_in(folder, landmarks, fields=None, **changes):
+def learn_in(folder, landmarks, fields=None, **keys):
     """Write landmarks (n, 2, p), learn from them, and return outcomes."""
     images = Landmarks(
-        (100.0 * landmarks + 300.0).swapaxes(1, 2),
+        in_rows(100.0 * landmarks + 300.0),
         landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
         items=tuple(f"image{i}" for i in range(len(landmarks))),
     )
-    save(folder / "images.h5", images.replaced(**fields or {}))
-    given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
-    return list(learn_dict.learn_dictionary(LearnDictConfig(**given | changes)))
+    source = folder / "images.h5"
+    save(source, images.replaced(**fields or {}))
+    usual = {"shapes": source, "output": folder / "dict.h5", "k": 5}
+    return list(learn_dict.learn_dictionary(LearnDictConfig(**usual | keys)))
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A folder with images, the dictionary learned of them and their fit by it."""
+
+    folder: Path
+    learning: list[Result]
+    result: Fit
+    fitting: list[Result]
+
+    @property
+    def images(self):
+        return load(self.folder / "images.h5")
+
+    @property
+    def dictionary(self):
+        return read_dictionary(self.folder / "dict.h5")
 
 
 @pytest.fixture
@@ -77,99 +102,125 @@ def learned(class_of_shapes, tmp_path_factory):
     def make(flip):
         folder = tmp_path_factory.mktemp("learned")
         keys = {} if flip is None else {"flip": flip}
-        outcomes = learn_in(folder, class_of_shapes[:, :2], **keys)
-        result, of_fit = lift(folder)
-        return SimpleNamespace(
-            folder=folder, outcomes=outcomes, result=result, of_fit=of_fit
-        )
+        learning = learn_in(folder, class_of_shapes[:, :2], **keys)
+        result, fitting = lift(folder)
+        return Learned(folder, learning, result, fitting)
 
     return make
 
 
-def error(result, truth, sign):
-    """Mean of ||X - X^|| / ||X||, in the unit of the truth."""
-    found = (
-        result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
-    ) / 100.0
-    apart = np.linalg.norm(found * [[1], [1], [sign]] - truth, axis=(1, 2))
-    return float(np.mean(apart / np.linalg.norm(truth, axis=(1, 2))))
+def centred(result):
+    """Return the shapes (n, 3, p) about their middle, in the unit of the truth."""
+    shapes = result.as_columns() / 100.0
+    return shapes - shapes.mean(axis=2, keepdims=True)
 
 
-def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
-    learned, class_of_shapes
-):
+def error(result, truth, sign=1):
+    """Mean of ||X - X^|| / ||X||, with z times a sign, in the unit of the truth."""
+    shapes = centred(result) * [[1], [1], [sign]]
+    distances = np.linalg.norm(shapes - truth, axis=(1, 2))
+    return float(np.mean(distances / np.linalg.norm(truth, axis=(1, 2))))
+
+
+def sign_of_depth(result, truth):
+    """Return the sign of z by which the shapes are nearer to the truth."""
+    return min((1, -1), key=lambda sign: error(result, truth, sign))
+
+
+def test_learning_is_told_and_can_be_judged(learned):
     made = learned(None)
-    assert any("learned; hidden landmarks" in outcome.line for outcome in made.outcomes)
-    assert {
-        each.done for each in made.outcomes if each.note.startswith("evidence")
-    } == {1}
-    images, dictionary = (
-        load(made.folder / "images.h5"),
-        read_dictionary(made.folder / "dict.h5"),
-    )
-    assert error_of_hidden(images, dictionary) < 0.1
-    told = [str(text) for outcome in made.outcomes for text in outcome.warnings]
+    of_evidence = {x.done for x in made.learning if x.note.startswith("evidence")}
+    told = texts(made.learning)
+    lines = [outcome.line for outcome in made.learning]
+    assert any("learned; hidden landmarks" in line for line in lines)
+    assert of_evidence == {1}
+    assert error_of_hidden(made.images, made.dictionary) < 0.1
     assert any("near and far" in text for text in told)
-    errors = [error(made.result, class_of_shapes, sign) for sign in (1, -1)]
-    assert min(errors) < 0.1
-    # landmarks that might be pixels: what was learned is seen as it was learned
-    assert made.result.focal is None
-    flipped = [error(learned(True).result, class_of_shapes, sign) for sign in (1, -1)]
-    assert int(np.argmin(flipped)) != int(np.argmin(errors))
-    assert min(flipped) < 0.1
+
+
+@pytest.mark.parametrize("flip", [None, True])
+def test_what_was_learned_lifts_the_images(learned, class_of_shapes, flip):
+    result = learned(flip).result
+    sign = sign_of_depth(result, class_of_shapes)
+    assert error(result, class_of_shapes, sign) < 0.1
+
+
+def test_flip_exchanges_near_and_far(learned, class_of_shapes):
+    sign = sign_of_depth(learned(None).result, class_of_shapes)
+    assert sign_of_depth(learned(True).result, class_of_shapes) == -sign
+
+
+def test_landmarks_that_might_be_pixels_are_seen_as_they_were_learned(learned):
+    assert learned(None).result.focal is None
 
 
 def description(folder):
     """What `info` says of the dictionary that was learned."""
-    return next(iter(info.describe_files(InfoConfig(files=(folder / "dict.h5",))))).note
+    first, *_ = info.describe_files(InfoConfig(files=(folder / "dict.h5",)))
+    return first.note
 
 
-def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
-    learned, class_of_shapes
-):
-    folder, result, outcomes = (
-        learned(None).folder,
-        learned(None).result,
-        learned(None).of_fit,
-    )
-    files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
-    assert not result.column("trusted").any()
-    assert not result.column("shape_correlation")[..., 1:].any()  # z is as likely -z
-    assert (result.column("reasons") == "near and far not told apart").mean() > 0.9
-    texts = [str(text) for each in outcomes for text in each.warnings]
-    (warning,) = [text for text in texts if "learned from 2D" in text]
+def test_no_image_is_trusted_until_near_is_told_from_far(learned):
+    made = learned(None)
+    in_doubt = made.result.reasons == "near and far not told apart"
+    (warning,) = [text for text in texts(made.fitting) if "learned from 2D" in text]
+    assert not made.result.trusted.any()
+    assert in_doubt.mean() > 0.9
     assert "learned from 2D landmarks: learned; near and far open" in warning
-    assert "near and far open" in description(folder)
-    request = verify.Request(files[2], files[1], (files[0],))
-    assert not [
-        each.failures for each in verify.verify_results(request) if each.failures
-    ]
-    found = result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
-    stated = learned(False).result.shape_sd[..., 2]
-    # with z and -z as likely, 2 z^2 is added
-    added = result.shape_sd[..., 2] ** 2 - stated**2
-    np.testing.assert_allclose(added, 2 * found[:, 2] ** 2, rtol=1e-3, atol=1e-3)
+    assert "near and far open" in description(made.folder)
+
+
+def test_error_bars_cover_near_and_far(learned):
+    """With z and -z as likely, 2 z^2 is added."""
+    result = learned(None).result
+    z = 100 * centred(result)[:, 2]
+    variance = result.shape_sd[..., 2] ** 2
+    variance_of_one = learned(False).result.shape_sd[..., 2] ** 2
+    added = variance - variance_of_one
+    np.testing.assert_allclose(added, 2 * z**2, rtol=1e-3, atol=1e-3)
+    assert not result.shape_correlation[..., 1:].any()
+
+
+def test_a_fit_by_what_was_learned_of_2d_is_verified(learned):
+    folder = learned(None).folder
+    request = verify.Request(
+        folder / "result.h5", folder / "dict.h5", (folder / "images.h5",)
+    )
+    for outcome in verify.verify_results(request):
+        assert not outcome.failures
 
 
 @pytest.mark.parametrize("flip", [True, False])
 def test_who_states_what_is_near_has_images_trusted(learned, flip):
     made = learned(flip)
-    assert made.result.column("trusted").mean() > 0.9
+    assert made.result.trusted.mean() > 0.9
     assert "learned; near and far stated by `flip`" in description(made.folder)
 
 
-def test_the_verdict_stays_with_the_dictionary(tmp_path):
+@pytest.fixture
+def small():
+    """A dictionary of one atom, that says nothing of how it was made."""
     shape = normalise(np.random.default_rng(0).standard_normal((3, 4))).points
-    made = Dictionary(shape[None], tuple("abcd"), shape)
-    assert describe_learning(made) == ()
-    assert not made.depth_ambiguity
-    old = replace(made, provenance={"learned_from": "landmarks"})
-    assert old.depth_ambiguity
-    known = {"verdict": "doubtful", "near_and_far": "told by perspective"}
-    write_dictionary(
-        tmp_path / "dict.h5", replace(old, provenance=old.provenance | known)
-    )
-    (line,) = describe_learning(read_dictionary(tmp_path / "dict.h5"))
+    return Dictionary(shape[None], tuple("abcd"), shape)
+
+
+FROM_2D = {"learned_from": "landmarks"}
+
+
+def test_a_dictionary_of_shapes_has_no_verdict(small):
+    assert describe_learning(small) == ()
+    assert not small.depth_ambiguity
+
+
+def test_without_a_verdict_near_and_far_are_open(small):
+    assert replace(small, provenance=FROM_2D).depth_ambiguity
+
+
+def test_the_verdict_stays_with_the_dictionary(small, tmp_path):
+    path = tmp_path / "dict.h5"
+    verdict = {"verdict": "doubtful", "near_and_far": "told by perspective"}
+    write_dictionary(path, replace(small, provenance=FROM_2D | verdict))
+    (line,) = describe_learning(read_dictionary(path))
     assert line.endswith("doubtful; near and far told by perspective")
 
 
@@ -177,77 +228,89 @@ def test_the_verdict_stays_with_the_dictionary(tmp_path):
 def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, sign):
     shapes = class_of_shapes * [[sign], [1.0], [1.0]]
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
-    visible = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
-    camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
+    distance = 4 * size
+    visible = shapes[:, :2] / (1 + shapes[:, 2:] / distance)
+    focal = 100 * distance
+    camera = np.array([[focal, 0, 300], [0, focal, 300], [0, 0, 1.0]])
     learn(visible, {"file_extras": {"camera_matrix": camera}})
+    result, _ = lift(tmp_path)
     assert "near and far told by perspective" in description(tmp_path)
-    found, _ = lift(tmp_path)
-    assert found.column("trusted").any()
-    assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
+    assert result.trusted.any()
+    assert error(result, shapes) < 0.3
+    assert error(result, shapes, sign=-1) > 0.3
 
 
 def one_view(shapes, rng):
-    turned = np.linalg.inv(np.linalg.svd(shapes[0] @ shapes[0].T)[0])
-    moving = shapes[:1] + 0.15 * rng.standard_normal((N, 1, 1)) * shapes[1:2]
-    return (turned @ moving)[:, :2] + 0.01 * rng.standard_normal((N, 2, P))
+    left, *_ = np.linalg.svd(shapes[0] @ shapes[0].T)
+    amounts = 0.15 * rng.standard_normal((IMAGE_COUNT, 1, 1))
+    moving = shapes[:1] + amounts * shapes[1:2]
+    turned = np.linalg.inv(left) @ moving
+    return turned[:, :2] + 0.01 * rng.standard_normal((IMAGE_COUNT, 2, P))
 
 
 def flat_class(shapes, rng):
     plane = shapes[0] * [[1], [1], [0]]
-    return (random_rotations(N, rng) @ plane)[:, :2]
+    return (random_rotations(IMAGE_COUNT, rng) @ plane)[:, :2]
 
 
-@pytest.mark.parametrize(
-    ("make", "verdict"),
-    [
-        (one_view, "views too alike: depth is not determined"),
-        (flat_class, "views too alike: depth is not determined"),
-        (
-            lambda shapes, rng: rng.standard_normal((N, 2, P)),
-            "nothing in common: .* of one class",
-        ),
-        (lambda shapes, rng: shapes[:2, :2], "too few images: 2 of 2"),
-        (lambda shapes, rng: np.full((N, 2, P), np.nan), "too few images: 0 of 60"),
-    ],
-    ids=["one view", "planar", "noise", "two images", "all hidden"],
-)
+def noise(_shapes, rng):
+    return rng.standard_normal((IMAGE_COUNT, 2, P))
+
+
+def two_images(shapes, _rng):
+    return shapes[:2, :2]
+
+
+def all_hidden(_shapes, _rng):
+    return np.full((IMAGE_COUNT, 2, P), np.nan)
+
+
+VERDICTS = [
+    (one_view, "views too alike: depth is not determined"),
+    (flat_class, "views too alike: depth is not determined"),
+    (noise, "nothing in common: .* of one class"),
+    (two_images, "too few images: 2 of 2"),
+    (all_hidden, "too few images: 0 of 60"),
+]
+
+
+@pytest.mark.parametrize(("make", "verdict"), VERDICTS)
 def test_images_that_do_not_determine_depth_end_with_the_verdict(
     learn, tmp_path, class_of_shapes, rng, make, verdict
 ):
+    landmarks = make(class_of_shapes, rng)
     with pytest.raises(InputError, match=verdict):
-        learn(make(class_of_shapes, rng))
+        learn(landmarks)
     assert not (tmp_path / "dict.h5").exists()
 
 
 def test_missing_landmarks_and_confidences_and_sequences_are_taken(
     learn, tmp_path, class_of_shapes, rng
 ):
-    landmarks = class_of_shapes[:, :2].copy()
-    hidden = rng.random((N, P)) < 0.1
-    landmarks[np.repeat(hidden[:, None], 2, axis=1)] = np.nan
+    hidden = rng.random((IMAGE_COUNT, P)) < 0.1
+    landmarks = np.where(hidden[:, None], np.nan, class_of_shapes[:, :2])
+    half = IMAGE_COUNT // 2
     fields = {
         "confidence": np.where(hidden, 0.0, 0.9),
-        "sequences": ("a",) * (N // 2) + ("b",) * (N - N // 2),
+        "sequences": ("a",) * half + ("b",) * half,
     }
     learn(landmarks, fields)
-    found, _ = lift(tmp_path)
-    assert min(error(found, class_of_shapes, sign) for sign in (1, -1)) < 0.2
+    result, _ = lift(tmp_path)
+    sign = sign_of_depth(result, class_of_shapes)
+    assert error(result, class_of_shapes, sign) < 0.2
 
 
 def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes):
     edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
-    freedom = []
-    for stretch in (0.0, 0.3):
-        fields = {"edges": edges}
-        learn(
-            class_of_shapes[:, :2],
-            fields,
-            prior={"components": 1, "bone_scale": stretch},
-        )
-        made = read_dictionary(tmp_path / "dict.h5")
-        np.testing.assert_array_equal(made.edges, edges)
-        freedom.append(made.prior.covariances[0].trace())
-    assert freedom[1] > 1.2 * freedom[0]
+    variances = []
+    for bone_scale in (0.0, 0.3):
+        prior = {"components": 1, "bone_scale": bone_scale}
+        learn(class_of_shapes[:, :2], {"edges": edges}, prior=prior)
+        dictionary = read_dictionary(tmp_path / "dict.h5")
+        np.testing.assert_array_equal(dictionary.edges, edges)
+        variances.append(dictionary.prior.covariances[0].trace())
+    still, varied = variances
+    assert varied > 1.2 * still
 
 
 def test_what_cannot_be_predicted_is_no_number():

@@ -91,7 +91,9 @@ def test_the_gap_of_all_parts_is_said():
             gaps.append(file["relative_gap"][:].max())
     note, numbers = said[0]
     assert note == f"5 of 5 parts done, all optimal, largest gap {max(gaps):.1e}"
-    assert (numbers.images, numbers.optimal, numbers.not_optimal) == (500, 500, 0)
+    assert numbers.images == 500
+    assert numbers.optimal == 500
+    assert numbers.not_optimal == 0
     assert numbers.largest_gap == max(gaps)
     assert not numbers.camera.perspective
 

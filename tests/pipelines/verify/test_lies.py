@@ -219,7 +219,8 @@ def edit(folder, change):
 
 
 def exchange(folder):
-    one, two = folder / "part-00000.h5", folder / "part-00001.h5"
+    one = folder / "part-00000.h5"
+    two = folder / "part-00001.h5"
     one.rename(folder / "third")
     two.rename(one)
     (folder / "third").rename(two)

@@ -2,6 +2,9 @@
 
 import json
 import re
+from base64 import b64decode
+from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +15,11 @@ from shapefit.io import (
     result_writer,
     write_shapes,
 )
-from shapefit.pipelines.view.run import write_page as run
+from shapefit.pipelines.view.run import write_page
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.records import Fit, Landmarks, Shapes
-from tests.columns import put
+from shapefit.records.columns import in_columns
+from tests.columns import in_rows, put
 from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -25,76 +29,100 @@ def random_shapes(rng, n, p=5):
     return rng.normal(size=(n, 3, p)) * 10 + 100
 
 
-def settings(n, fields):
-    return {"landmark_names": NAMES, "items": tuple(f"i{i}" for i in range(n))} | fields
+def settings(count, fields):
+    """Return names and items, and further fields of a record."""
+    items = tuple(f"i{i}" for i in range(count))
+    return {"landmark_names": NAMES, "items": items} | fields
 
 
 def write_result(path, shapes, extras=None, attributes=None, **fields):
     """Write a result of shapes (n, 3, p); what was seen is their x and y unless
     `extras` differ.
     """
-    n = len(shapes)
-    extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
-    fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
+    count = len(shapes)
+    points = in_rows(shapes)
+    if extras is None:
+        extras = {"landmarks": points[..., :2]}
+    status = np.array(["optimal"] * count, dtype=object)
+    fields = {"unit": "px", "status": status} | fields
     for name in {"shape_sd", "landmarks_fitted"} & fields.keys():
-        fields[name] = fields[name].swapaxes(1, 2)
-    whole = {name: v for name, v in extras.items() if name.startswith("extrinsic_")}
-    extras = {name: v for name, v in extras.items() if name not in whole}
-    fit = Fit(shapes.swapaxes(1, 2), **settings(n, fields))
+        fields[name] = in_rows(fields[name])
+    of_file = {k: v for k, v in extras.items() if k.startswith("extrinsic_")}
+    of_items = {k: v for k, v in extras.items() if k not in of_file}
+    fit = Fit(points, **settings(count, fields))
     with result_writer(path) as writer:
-        writer.append(put(fit, extras, whole))
+        writer.append(put(fit, of_items, of_file))
         writer.attributes.update(attributes or {})
     return path
 
 
 def write_truth(path, shapes, **fields):
-    write_shapes(path, Shapes(shapes.swapaxes(1, 2), **settings(len(shapes), fields)))
+    record = Shapes(in_rows(shapes), **settings(len(shapes), fields))
+    write_shapes(path, record)
     return path
 
 
 def write_landmarks(path, landmarks, **fields):
-    save(path, Landmarks(landmarks.swapaxes(1, 2), **settings(len(landmarks), fields)))
+    record = Landmarks(in_rows(landmarks), **settings(len(landmarks), fields))
+    save(path, record)
     return path
 
 
-@pytest.fixture
-def desk(tmp_path, rng):
+@dataclass(frozen=True)
+class Desk:
     """Write files by what they hold; view them, and read the page's JSON again."""
 
-    def result(name="result.h5", n=6, shapes=None, **fields):
-        shapes = random_shapes(rng, n) if shapes is None else shapes
-        return write_result(tmp_path / name, shapes, **fields)
+    folder: Path
+    rng: np.random.Generator
 
-    def truth(n=6, **fields):
-        return write_truth(tmp_path / "truth.h5", random_shapes(rng, n), **fields)
+    def shapes(self, n, p=5):
+        """Draw shapes (n, 3, p)."""
+        return random_shapes(self.rng, n, p)
 
-    def landmarks(name="landmarks.h5", n=6, **fields):
-        return write_landmarks(tmp_path / name, random_shapes(rng, n)[:, :2], **fields)
+    def result(self, name="result.h5", n=6, shapes=None, **fields):
+        if shapes is None:
+            shapes = self.shapes(n)
+        return write_result(self.folder / name, shapes, **fields)
 
-    def scene(*files, **settings):
-        return make_scene(
-            ViewConfig(files={file.stem: (file,) for file in files}, **settings)
-        )
+    def truth(self, n=6, **fields):
+        return write_truth(self.folder / "truth.h5", self.shapes(n), **fields)
 
-    def view(*files, **settings):
-        output = tmp_path / "page.html"
-        config = ViewConfig(
-            files={file.stem: (file,) for file in files}, output=output, **settings
-        )
-        (outcome,) = run(config)
+    def landmarks(self, name="landmarks.h5", n=6, **fields):
+        return write_landmarks(self.folder / name, self.shapes(n)[:, :2], **fields)
+
+    def scene(self, *files, **settings):
+        """Return what a page would show of these files."""
+        named = {file.stem: (file,) for file in files}
+        return make_scene(ViewConfig(files=named, **settings))
+
+    def view(self, *files, **settings):
+        """Write the page of these files; return the outcome, its notes and the page's
+        data.
+        """
+        output = self.folder / "page.html"
+        named = {file.stem: (file,) for file in files}
+        (outcome,) = write_page(ViewConfig(files=named, output=output, **settings))
         (data,) = re.findall(r'id="page">(.*?)</script>', output.read_text("utf-8"))
         notes = " ".join(outcome.warnings)
         return SimpleNamespace(outcome=outcome, notes=notes, data=json.loads(data))
 
-    return SimpleNamespace(
-        shapes=lambda *size: random_shapes(rng, *size),
-        result=result,
-        truth=truth,
-        landmarks=landmarks,
-        view=view,
-        scene=scene,
-        folder=tmp_path,
-    )
+
+@pytest.fixture
+def desk(tmp_path, rng):
+    return Desk(tmp_path, rng)
+
+
+def decoded(block):
+    """Undo a block as blocks.js does."""
+    data = b64decode(block["data"])
+    codes = np.frombuffer(data, "<" + block["type"]).reshape(block["shape"])
+    if "places" not in block:
+        return codes
+    places = decoded(block["places"]).astype(float)
+    origins = places[:, None, :-1]
+    steps = places[:, None, -1:]
+    values = np.where(codes == -32768, np.nan, origins + steps * codes)
+    return in_columns(values)
 
 
 @pytest.fixture

@@ -31,7 +31,8 @@ def test_images_spread_over_the_result_are_drawn(tmp_path, world, monkeypatch):
     outcome = sheet(
         tmp_path / "s.png", result, dictionary=str(world.dictionary("cars"))
     )
-    assert (outcome.done, outcome.written) == (8, (tmp_path / "s.png",))
+    assert outcome.done == 8
+    assert outcome.written == (tmp_path / "s.png",)
     assert imread(tmp_path / "s.png").shape[1] > 1000
     outcome = sheet(tmp_path / "s.svg", result, items=["sedan_1/*", "lorry*"])
     assert outcome.done == 6
@@ -48,7 +49,8 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
         "cars", method="convex+refine", **({"camera": camera} if camera else {})
     )
     files, path = {"cars": (result,)}, world.dictionary("cars")
-    dictionary, fit = read_dictionary(path), read_results(result)
+    dictionary = read_dictionary(path)
+    fit = read_results(result)
     scene = make_scene(ViewConfig(files=files, dictionary=path))
     apart = dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]
     vertex = (apart**2).sum(axis=0).argmin(axis=1)
@@ -115,7 +117,8 @@ def test_cars_stand_upright(world):
     path = world.dictionary("cars")
     result = world.fit("cars", method="convex+refine")
     scene = make_scene(ViewConfig(files={"cars": (result,)}, dictionary=path))
-    dictionary, fit = read_dictionary(path), read_results(result)
+    dictionary = read_dictionary(path)
+    fit = read_results(result)
     image = fitted_image(scene, 7)
     upright = image.upright @ image.mesh
     mixed = np.tensordot(fit.coefficients[7], dictionary.mesh_vertices, axes=1)
