@@ -127,7 +127,8 @@ def make(name: str, loss: Loss, rng: np.random.Generator) -> Problem:
     landmarks = case["landmarks"]
     atoms = case["atoms"]
     if loss is Loss.EXACT and np.ptp(landmarks) > 0:
-        n, k = len(landmarks), len(atoms)
+        n = len(landmarks)
+        k = len(atoms)
         transforms = rng.standard_normal((n, k, 2, 3))
         transforms *= rng.random((n, k, 1, 1)) < max(0.2, 1 / k)
         landmarks = transform(transforms, atoms)

@@ -50,9 +50,10 @@ def one_row(blocks, rng):
 def test_norms_are_sums_of_singular_values(rng, change):
     blocks = change(rng.standard_normal((64, 2, 3)), rng)
     singular_values = np.linalg.svd(blocks, compute_uv=False)
-    x, y = blocks[:, 0, :, None], blocks[:, 1, :, None]
+    first_row = blocks[:, 0, :, None]
+    second_row = blocks[:, 1, :, None]
 
-    found = nuclear_norms(x, y)[:, 0]
+    found = nuclear_norms(first_row, second_row)[:, 0]
 
     expected = singular_values.sum(axis=1)
     assert found == pytest.approx(expected, rel=1e-14, abs=1e-28)

@@ -284,7 +284,9 @@ class TestFrameByItself:
         """Of the mixture of both modes times the landmarks."""
         weight = np.diag(np.repeat([landmark_weight, 0.0], [10, 5]))
         w = np.append(landmarks, np.zeros(5))
-        means, covariances, log_shares = [], [], []
+        means = []
+        covariances = []
+        log_shares = []
         for share, mean, C in zip(
             self.LOG_SHARE, mode_means, mode_covariances, strict=True
         ):
@@ -312,8 +314,10 @@ class TestFrameByItself:
         assert_allclose(found.deviation.ravel(), sd, rtol=1e-6)
 
     def test_correlations(self, found, covariance):
-        """Of y and z of landmark 3."""
-        y, z = 5 + 3, 10 + 3
+        """Of y and z of one landmark."""
+        landmark = 3
+        y = 5 + landmark
+        z = 10 + landmark
         sd = np.sqrt(np.diag(covariance))
         expected = covariance[y, z] / (sd[y] * sd[z])
-        assert found.correlation[0, 2, 3] == pytest.approx(expected, abs=1e-6)
+        assert found.correlation[0, 2, landmark] == pytest.approx(expected, abs=1e-6)
