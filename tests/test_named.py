@@ -22,8 +22,13 @@ from shapefit.config.reference import rows
 PROJECT = Path(__file__).resolve().parents[1]
 
 PAGES = (
-    *("*.md", "docs/**/*", "sample_data/*.md", "configs/**/*.yaml"),
-    *("Makefile", "Dockerfile", "benchmarks/notes/*.md"),
+    "*.md",
+    "docs/**/*",
+    "sample_data/*.md",
+    "configs/**/*.yaml",
+    "Makefile",
+    "Dockerfile",
+    "benchmarks/notes/*.md",
 )
 PAST = "CHANGELOG.md"
 """It names what is gone."""

@@ -37,12 +37,18 @@ def wheel(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """
     folder = tmp_path_factory.mktemp("wheel")
     build = [
-        *(sys.executable, "-m", "pip", "wheel", "--quiet"),
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
         "--disable-pip-version-check",
         "--no-deps",
         "--no-build-isolation",
-        *("-C", "build-dir=build/{wheel_tag}"),
-        *("--wheel-dir", str(folder)),
+        "-C",
+        "build-dir=build/{wheel_tag}",
+        "--wheel-dir",
+        str(folder),
         str(project),
     ]
     subprocess.run(build, check=True)

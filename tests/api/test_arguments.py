@@ -25,12 +25,26 @@ SCRIPT = Path(__file__).with_name("typed_script.py")
 
 OF_FILES = {
     "fit": {
-        *("landmarks", "dictionary", "format", "individual", "markers", "export"),
-        *("output", "frames", "every"),
+        "landmarks",
+        "dictionary",
+        "format",
+        "individual",
+        "markers",
+        "export",
+        "output",
+        "frames",
+        "every",
     },
     "learn": {
-        *("shapes", "output", "format", "keypoints", "individual", "y_axis"),
-        *("min_confidence", "image_size", "flip"),
+        "shapes",
+        "output",
+        "format",
+        "keypoints",
+        "individual",
+        "y_axis",
+        "min_confidence",
+        "image_size",
+        "flip",
     },
     "evaluate": {"results", "truth", "output", "plots", "truth_frame"},
 }

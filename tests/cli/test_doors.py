@@ -17,8 +17,13 @@ from shapefit.config.reference import words_of
 
 WITHOUT_KEY = {
     "fit": {
-        *("partition", "workers", "scheduler", "scheduler_file", "replace_others"),
-        *("fail_untrusted", "live"),
+        "partition",
+        "workers",
+        "scheduler",
+        "scheduler_file",
+        "replace_others",
+        "fail_untrusted",
+        "live",
     },
     "view": {"show"},
 }

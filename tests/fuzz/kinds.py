@@ -61,25 +61,27 @@ LEARN = ("-o", "out.h5", "--set=k=3", "--set=iterations=2")
 NO_PLOTS = "--set=plots=none"
 
 
-def make_base_files(folder: Path) -> None:
-    """Fill the folder by the commands themselves; raises RuntimeError where one of them
-    fails.
+TRACKED_SIZE = (5, 4)
+"""Frames and landmarks of files of trackers."""
 
-    They also import and compile whatever the cases need, so that these can be forked.
-    """
-    os.chdir(folder)
+
+DETECTED_SIZE = (4, 5)
+"""Those of files of detectors."""
+
+
+def make_shapes() -> tuple[Shapes, Shapes]:
+    """Return a few people, and the same with a mesh and further fields."""
     people = read_shapes([SAMPLE])
     rng = np.random.default_rng(0)
     few = people.take(np.linspace(0, len(people) - 1, ITEMS).astype(int))
+    noise = 0.1 * rng.standard_normal((ITEMS, 6, 3))
     meshed = Shapes(
         few.points,
         landmark_names=few.landmark_names,
         items=few.items,
         sequences=tuple("ab"[number % 2] for number in range(ITEMS)),
         edges=few.edges,
-        mesh_vertices=(
-            few.as_columns()[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6))
-        ).swapaxes(1, 2),
+        mesh_vertices=few.points[:, :6] + noise,
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
         extras={
@@ -87,40 +89,81 @@ def make_base_files(folder: Path) -> None:
             "model": np.array(few.items, object),
         },
     )
+    return few, meshed
+
+
+def make_files_of_other_tools(folder: Path) -> None:
+    """Write files of two people or animals in all formats of trackers and detectors."""
+    rng = np.random.default_rng(1)
+    for writers, (frames, p) in ((TRACKERS, TRACKED_SIZE), (DETECTORS, DETECTED_SIZE)):
+        points = rng.integers(1, 600, (frames, 2, p, 2)).astype(float)
+        for name, write in writers.items():
+            write(folder / name, points, rng.uniform(size=(frames, 2, p)))
+
+
+LEARN_BASE = ("learn-dict", "shapes.h5")
+
+
+FIT_BASE = ("fit", "views.h5", "-d", "dict.h5")
+
+
+PROJECT_KEYS = ("--set", "camera.view=random", "--set", "hidden=0.1")
+
+
+TO_C3D = ("convert", "shapes.h5", "-o", "m.c3d")
+
+
+BASE_COMMANDS: tuple[Command, ...] = (
+    (*LEARN_BASE, "--set", "iterations=2", "--set", "k=4", "-o", "dict.h5"),
+    (*LEARN_BASE, "--set", "method=exemplars", "-o", "exemplars.h5"),
+    (*LEARN_BASE, "--set", "method=pca-bases", "-o", "bases.h5"),
+    ("project", "shapes.h5", *PROJECT_KEYS, "-o", "views.h5"),
+    ("project", "shapes.csv", *PROJECT_KEYS, "-o", "views.csv"),
+    (*FIT_BASE, "-o", "result.h5"),
+    ("fit", "views.csv", "-d", "dict.h5", "-o", "result.csv"),
+    (*FIT_BASE, "-o", "refined.h5", "--set=method=convex+refine"),
+    ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
+    *([TO_C3D] if HAS_EZC3D else []),
+    ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", NO_PLOTS),
+    ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
+    ("view", "result.h5", "--truth", "shapes.h5", "-o", "page.html"),
+)
+"""Commands that make the good files, and that import what cases need."""
+
+
+def make_base_files(folder: Path) -> None:
+    """Fill the folder by the commands themselves; raises RuntimeError where one of them
+    fails.
+
+    They also import and compile whatever the cases need, so that these can be forked.
+    """
+    os.chdir(folder)
+    few, meshed = make_shapes()
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)
-    for writers, (n, p) in ((TRACKERS, (5, 4)), (DETECTORS, (4, 5))):
-        points = rng.integers(1, 600, (n, 2, p, 2)).astype(float)
-        for name, write in writers.items():
-            write(folder / name, points, rng.uniform(size=(n, 2, p)))
-    learn = ("learn-dict", "shapes.h5")
-    to_c3d = ("convert", "shapes.h5", "-o", "m.c3d")
-    camera = ("--set", "camera.view=random", "--set", "hidden=0.1")
-    for command in (
-        (*learn, "--set", "iterations=2", "--set", "k=4", "-o", "dict.h5"),
-        (*learn, "--set", "method=exemplars", "-o", "exemplars.h5"),
-        (*learn, "--set", "method=pca-bases", "-o", "bases.h5"),
-        ("project", "shapes.h5", *camera, "-o", "views.h5"),
-        ("project", "shapes.csv", *camera, "-o", "views.csv"),
-        ("fit", "views.h5", "-d", "dict.h5", "-o", "result.h5"),
-        ("fit", "views.csv", "-d", "dict.h5", "-o", "result.csv"),
-        (
-            "fit",
-            "views.h5",
-            "-d",
-            "dict.h5",
-            "-o",
-            "refined.h5",
-            "--set=method=convex+refine",
-        ),
-        ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
-        *([to_c3d] if HAS_EZC3D else []),
-        ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", NO_PLOTS),
-        ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
-        ("view", "result.h5", "--truth", "shapes.h5", "-o", "page.html"),
-    ):
+    make_files_of_other_tools(folder)
+    for command in BASE_COMMANDS:
         if run(command) not in (0, 1):
             raise RuntimeError(f"a good command fails: {' '.join(command)}")
+
+
+SETTINGS_OF_FIT = (
+    "outliers=none",
+    "outliers=l1",
+    "outliers=sparse-error",
+    "outliers=ransac",
+    "method=convex+refine",
+    "method=alternate",
+    "method=mean-shape",
+    "method=global",
+    "export.folder=out_meshes",
+    "leave_one_out=model",
+    "lambda=auto",
+    "noise=0.1",
+)
+
+
+FIT_ANY = ("fit", "{}", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
 
 
 # Our own files
@@ -139,33 +182,7 @@ OF_SHAPES = (
     ),
     ("view", "{}", "-o", "out.html"),
 )
-OF_IMAGES = tuple(
-    (
-        "fit",
-        "{}",
-        "-d",
-        "dict.h5",
-        "-o",
-        "out.h5",
-        "--set=threads=1",
-        f"--set={setting}",
-    )
-    for setting in (
-        *("outliers=none", "outliers=l1", "outliers=sparse-error", "outliers=ransac"),
-        *(
-            "method=convex+refine",
-            "method=alternate",
-            "method=mean-shape",
-            "method=global",
-        ),
-        *(
-            "export.folder=out_meshes",
-            "leave_one_out=model",
-            "lambda=auto",
-            "noise=0.1",
-        ),
-    )
-)
+OF_IMAGES = tuple((*FIT_ANY, f"--set={setting}") for setting in SETTINGS_OF_FIT)
 OF_RESULTS = (
     ("eval", "{}", *TRUTH),
     ("verify", "{}", *VERIFY),
@@ -190,7 +207,8 @@ READ_BY = {
 def make_ours(rng: Random, folder: Path) -> Command:
     """Spoil one of our files, and read it."""
     name = rng.choice([*READ_BY])
-    (spoil_table if name.endswith(".csv") else spoil_hdf5)(rng, folder / name)
+    spoil = spoil_table if name.endswith(".csv") else spoil_hdf5
+    spoil(rng, folder / name)
     return tuple(word.format(name) for word in rng.choice(READ_BY[name]))
 
 
@@ -274,71 +292,59 @@ COMMANDS = {
 
 YAML_VALUES = (
     *NUMBERS,
-    *(
-        "[]",
-        "{}",
-        "[1]",
-        "[a, b]",
-        "{a: 1}",
-        "[[1], 2]",
-        "{a: {b: 1}}",
-        "~",
-        "*a",
-        "&a 1",
-    ),
-    *(
-        "!!int x",
-        "!!python/object:os.system x",
-        "!!binary aGk=",
-        "2020-01-01",
-        "yes",
-        "no",
-        "off",
-    ),
-    *(
-        "|",
-        ">",
-        "'",
-        '"',
-        "[",
-        "{",
-        "- a",
-        "? a",
-        "<<: {a: 1}",
-        "!!set {a}",
-        '"\\ud800"',
-        '"\\0"',
-    ),
-    *(
-        "@a",
-        "%a",
-        "/",
-        "/dev/null",
-        "/dev/full",
-        "-",
-        ".",
-        "shapes.h5",
-        "dict.h5",
-        "views.h5",
-    ),
-    *(
-        "nowhere.h5",
-        "'*.h5'",
-        "result.h5",
-        "[views.h5, views.csv]",
-        "views.csv",
-        "{m: result.h5}",
-    ),
-    *(
-        "all",
-        "auto",
-        "[nose, neck, pelvis]",
-        "item",
-        "model",
-        "weight",
-        "none",
-        "[0.3, 0.2]",
-    ),
+    "[]",
+    "{}",
+    "[1]",
+    "[a, b]",
+    "{a: 1}",
+    "[[1], 2]",
+    "{a: {b: 1}}",
+    "~",
+    "*a",
+    "&a 1",
+    "!!int x",
+    "!!python/object:os.system x",
+    "!!binary aGk=",
+    "2020-01-01",
+    "yes",
+    "no",
+    "off",
+    "|",
+    ">",
+    "'",
+    '"',
+    "[",
+    "{",
+    "- a",
+    "? a",
+    "<<: {a: 1}",
+    "!!set {a}",
+    '"\\ud800"',
+    '"\\0"',
+    "@a",
+    "%a",
+    "/",
+    "/dev/null",
+    "/dev/full",
+    "-",
+    ".",
+    "shapes.h5",
+    "dict.h5",
+    "views.h5",
+    "nowhere.h5",
+    "'*.h5'",
+    "result.h5",
+    "[views.h5, views.csv]",
+    "views.csv",
+    "{m: result.h5}",
+    "all",
+    "auto",
+    "[nose, neck, pelvis]",
+    "item",
+    "model",
+    "weight",
+    "none",
+    "[0.3, 0.2]",
 )
 
 KEYS = (

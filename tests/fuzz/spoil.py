@@ -16,116 +16,109 @@ import h5py
 import numpy as np
 
 NUMBERS = (
-    *(
-        "0",
-        "-0",
-        "1",
-        "-1",
-        "0.5",
-        "1e-8",
-        "1e-320",
-        "1e150",
-        "1e154",
-        "1e160",
-        "1e308",
-        "1e400",
-    ),
-    *(
-        "nan",
-        "NaN",
-        "inf",
-        "-inf",
-        "0x10",
-        "1_000",
-        "1,5",
-        "１",
-        "+1",
-        ".5",
-        "5.",
-        "1e",
-        "--1",
-    ),
-    *(
-        "9223372036854775807",
-        "9223372036854775808",
-        "-9223372036854775809",
-        "1" + 400 * "0",
-    ),
-    *("3000000000", "65536", "true", "null", "", " ", "1 2", "'1'", '"1"', "1e1e1"),
+    "0",
+    "-0",
+    "1",
+    "-1",
+    "0.5",
+    "1e-8",
+    "1e-320",
+    "1e150",
+    "1e154",
+    "1e160",
+    "1e308",
+    "1e400",
+    "nan",
+    "NaN",
+    "inf",
+    "-inf",
+    "0x10",
+    "1_000",
+    "1,5",
+    "１",
+    "+1",
+    ".5",
+    "5.",
+    "1e",
+    "--1",
+    "9223372036854775807",
+    "9223372036854775808",
+    "-9223372036854775809",
+    "1" + 400 * "0",
+    "3000000000",
+    "65536",
+    "true",
+    "null",
+    "",
+    " ",
+    "1 2",
+    "'1'",
+    '"1"',
+    "1e1e1",
 )
 NAMES = (
-    *(
-        "",
-        " ",
-        "a",
-        "item",
-        "a,b",
-        'a"b',
-        "a\nb",
-        "a\tb",
-        "a\0b",
-        "\x1b[31mred",
-        "café",
-    ),
-    *(
-        "cafe\u0301",
-        "\u202e",
-        "\ud800",
-        "../up",
-        "/root",
-        "-",
-        ".",
-        "..",
-        "=1+1",
-        "x" * 3000,
-    ),
-    *(
-        "😀",
-        "NaN",
-        "%41",
-        "{data}",
-        "*",
-        "[a]",
-        "~",
-        "$HOME",
-        "`id`",
-        "#1",
-        "|",
-        "item#2",
-        "²",
-    ),
+    "",
+    " ",
+    "a",
+    "item",
+    "a,b",
+    'a"b',
+    "a\nb",
+    "a\tb",
+    "a\0b",
+    "\x1b[31mred",
+    "café",
+    "cafe\u0301",
+    "\u202e",
+    "\ud800",
+    "../up",
+    "/root",
+    "-",
+    ".",
+    "..",
+    "=1+1",
+    "x" * 3000,
+    "😀",
+    "NaN",
+    "%41",
+    "{data}",
+    "*",
+    "[a]",
+    "~",
+    "$HOME",
+    "`id`",
+    "#1",
+    "|",
+    "item#2",
+    "²",
 )
 JSON_VALUES: tuple[Any, ...] = (
-    *(
-        None,
-        True,
-        False,
-        -1,
-        0,
-        1,
-        2.5,
-        1e308,
-        -1e308,
-        10**18,
-        10**30,
-        float("nan"),
-        float("inf"),
-    ),
-    *(
-        "",
-        "a",
-        "0",
-        [],
-        {},
-        [[]],
-        [{}],
-        {"a": 1},
-        [1],
-        [1, 2, 3],
-        [None],
-        ["x"],
-        [1, [2], 3],
-    ),
+    None,
+    True,
+    False,
+    -1,
+    0,
+    1,
+    2.5,
+    1e308,
+    -1e308,
+    10**18,
+    10**30,
+    float("nan"),
+    float("inf"),
+    "",
+    "a",
+    "0",
+    [],
+    {},
+    [[]],
+    [{}],
+    {"a": 1},
+    [1],
+    [1, 2, 3],
+    [None],
+    ["x"],
+    [1, [2], 3],
 )
 JSON_KEYS = (
     "images",
@@ -138,23 +131,25 @@ JSON_KEYS = (
     "keypoints",
 )
 VALUES = (
-    *(
-        0.0,
-        -0.0,
-        1.0,
-        -1.0,
-        0.5,
-        1e-320,
-        1e-160,
-        1e100,
-        1e149,
-        1e151,
-        1e154,
-        1e160,
-        1e308,
-        -1e308,
-    ),
-    *(np.nan, np.inf, -np.inf, 2.0**63, 95.0),
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    1e-320,
+    1e-160,
+    1e100,
+    1e149,
+    1e151,
+    1e154,
+    1e160,
+    1e308,
+    -1e308,
+    np.nan,
+    np.inf,
+    -np.inf,
+    2.0**63,
+    95.0,
 )
 TYPES = (
     "f2",
@@ -184,32 +179,53 @@ def spoil_table(rng: Random, path: Path) -> None:
     rows = [line.split(",") for line in path.read_text().splitlines()]
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
         if rows[0]:  # a header without any column cannot be spoiled further
-            rng.choice((_cells, _cells, _columns, _rows))(rng, rows)
-    data = ("\n".join(",".join(row) for row in rows) + "\n").encode(
-        "utf-8", "surrogatepass"
-    )
-    path.write_bytes(spoil_text_bytes(rng, data) if rng.random() < 0.4 else data)
+            change = rng.choice((_cells, _cells, _columns, _rows))
+            change(rng, rows)
+    text = "\n".join(",".join(row) for row in rows) + "\n"
+    data = text.encode("utf-8", "surrogatepass")
+    if rng.random() < 0.4:
+        data = spoil_text_bytes(rng, data)
+    path.write_bytes(data)
 
 
 def _cells(rng: Random, rows: Rows) -> None:
     """Change one cell, or some of a column; at times those of the header."""
     place = rng.randrange(len(rows[0]))
-    for row in rng.choice(([rows[0]], [rng.choice(rows)], rows[1:])):
+    some_rows = rng.choice(([rows[0]], [rng.choice(rows)], rows[1:]))
+    for row in some_rows:
         if place < len(row):
-            row[place] = rng.choice((row[place], *rng.choice((NUMBERS, NAMES))))
+            values = rng.choice((NUMBERS, NAMES))
+            row[place] = rng.choice((row[place], *values))
+
+
+COLUMNS = ("confidence", "sequence", "z", "weight")
 
 
 def _columns(rng: Random, rows: Rows) -> None:
     """Drop a column, or add one."""
     place = rng.randrange(len(rows[0]))
-    name = rng.choice(("confidence", "sequence", "z", "weight"))
+    name = rng.choice(COLUMNS)
     for number, row in enumerate(rows):
         value = rng.choice(NUMBERS + NAMES)
-        row[place : place + 1] = (
-            []
-            if place % 2
-            else [*row[place : place + 1], name if number == 0 else value]
-        )
+        if place % 2:
+            del row[place : place + 1]
+        else:
+            row.insert(place + 1, name if number == 0 else value)
+
+
+ENDS_OF_LINES = (b"\r\n", b"\r", b"\n\n", b"\n\r\n", b"")
+
+
+DELIMITERS = (b";", b"\t", b", ", b",,")
+
+
+OTHER_FILES = (b"", b"\n", b"item", b"\x89HDF\r\n\x1a\n", b"PK\3\4", b"\0" * 999)
+
+
+PIECES = (b'"', b"'", b"\0", b"\xff", b"\\", b"\r", b"x" * 200_000)
+
+
+ENCODINGS = ("utf-16", "utf-32", "utf-7")
 
 
 def _rows(rng: Random, rows: Rows) -> None:
@@ -234,33 +250,21 @@ def insert(rng: Random, data: Any, piece: Any) -> Any:
 
 def spoil_text_bytes(rng: Random, data: bytes) -> bytes:
     """Cut text off, change line ends, delimiters or the encoding, or put bytes in."""
-    ends = (b"\r\n", b"\r", b"\n\n", b"\n\r\n", b"")
-    delimiters = (b";", b"\t", b", ", b",,")
-    pieces = (
-        b'"',
-        b"'",
-        b"\0",
-        b"\xff",
-        b"\\",
-        b"\r",
-        b"x" * 200_000,
-        rng.randbytes(5),
-    )
-    files = (b"", b"\n", b"item", b"\x89HDF\r\n\x1a\n", b"PK\3\4", b"\0" * 999)
+    pieces = (*PIECES, rng.randbytes(5))
     with suppress(UnicodeError):
         match rng.randrange(8):
             case 0:
                 return data[: rng.randrange(len(data) + 1)]
             case 1:
-                return data.replace(b"\n", rng.choice(ends))
+                return data.replace(b"\n", rng.choice(ENDS_OF_LINES))
             case 2:
-                return data.replace(b",", rng.choice(delimiters), rng.randrange(99))
+                return data.replace(b",", rng.choice(DELIMITERS), rng.randrange(99))
             case 3:
                 return b"\xef\xbb\xbf" + data
             case 4:
-                return data.decode().encode(rng.choice(("utf-16", "utf-32", "utf-7")))
+                return data.decode().encode(rng.choice(ENCODINGS))
             case 5:
-                return rng.choice(files)
+                return rng.choice(OTHER_FILES)
             case _:
                 return bytes(insert(rng, data, rng.choice(pieces)))
     return data
@@ -276,28 +280,44 @@ def spoil_json(rng: Random, path: Path) -> None:
         parent, last = rng.choice(places)
         kind = rng.random()
         if kind < 0.6:
-            parent[last] = deepcopy(
-                rng.choice(JSON_VALUES)
-            )  # since it may be spoiled next
+            parent[last] = _json_value(rng)
         elif kind < 0.8:
             del parent[last]
         elif isinstance(parent, list):
             parent.insert(last, deepcopy(parent[last]))
         else:
-            parent[rng.choice(JSON_KEYS)] = deepcopy(rng.choice(JSON_VALUES))
+            key = rng.choice(JSON_KEYS)
+            parent[key] = _json_value(rng)
     path.write_text(json.dumps(data), encoding="utf-8")
+
+
+def _json_value(rng: Random) -> Any:
+    """Choose a value; it is copied, since it may be spoiled next."""
+    return deepcopy(rng.choice(JSON_VALUES))
 
 
 def _places(data: Any) -> Iterator[tuple[Any, Any]]:
     """Yield every list or mapping in JSON with each of its keys."""
-    keys = (
-        data
-        if isinstance(data, dict)
-        else range(len(data) if isinstance(data, list) else 0)
-    )
+    if isinstance(data, dict):
+        keys = list(data)
+    elif isinstance(data, list):
+        keys = list(range(len(data)))
+    else:
+        return
     for key in keys:
         yield data, key
         yield from _places(data[key])
+
+
+CANNOT_BE_CHANGED = (
+    IndexError,
+    KeyError,
+    TypeError,
+    ValueError,
+    RuntimeError,
+    OSError,
+)
+"""What h5py raises of a change that a file cannot have."""
 
 
 def spoil_bytes(rng: Random, path: Path) -> None:
@@ -322,18 +342,26 @@ def spoil_hdf5(rng: Random, path: Path) -> None:
     bytes.
     """
     with h5py.File(path, "a") as file:
-        groups = [file]
-        file.visititems(
-            lambda _, node: groups.append(node) if hasattr(node, "keys") else None
-        )
+        groups = _groups(file)
         group = rng.choice(groups) if rng.random() < 0.5 else file
         for _ in range(rng.choice((1, 1, 2, 3))):
-            with suppress(
-                IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError
-            ):
-                rng.choice(HDF5_CHANGES)(rng, group)
+            with suppress(*CANNOT_BE_CHANGED):
+                change = rng.choice(HDF5_CHANGES)
+                change(rng, group)
     if rng.random() < 0.15:
         spoil_bytes(rng, path)
+
+
+def _groups(file: h5py.File) -> list[h5py.Group]:
+    """Return a file and all groups in it."""
+    groups = [file]
+
+    def visit(_name: str, node: Any) -> None:
+        if isinstance(node, h5py.Group):
+            groups.append(node)
+
+    file.visititems(visit)
+    return groups
 
 
 def put(file: Any, name: str, values: Any, **keys: Any) -> None:
@@ -362,27 +390,36 @@ def _numbers(rng: Random, file: Any) -> None:
         if kind < 2:
             flat = values.reshape(-1)
             for _ in range(rng.choice((1, 1, 3, flat.size))):
-                flat[rng.randrange(flat.size)] = np.float64(rng.choice(VALUES)).astype(
-                    flat.dtype
-                )
+                place = rng.randrange(flat.size)
+                flat[place] = np.float64(rng.choice(VALUES)).astype(flat.dtype)
         elif kind == 2:
-            values = (values * 10.0 ** rng.uniform(-320, 300)).astype(values.dtype)
+            factor = 10.0 ** rng.uniform(-320, 300)
+            values = (values * factor).astype(values.dtype)
         else:
-            data = bytearray(values.tobytes())
-            for _ in range(rng.choice((1, 2, 8))):
-                data[rng.randrange(len(data))] = rng.randrange(256)
-            values = np.frombuffer(bytes(data), values.dtype).reshape(values.shape)
+            values = _with_other_bytes(rng, values)
     put(file, dataset.name, values)
 
 
+def _with_other_bytes(rng: Random, values: np.ndarray) -> np.ndarray:
+    """Return values of which some bytes are others."""
+    data = bytearray(values.tobytes())
+    for _ in range(rng.choice((1, 2, 8))):
+        place = rng.randrange(len(data))
+        data[place] = rng.randrange(256)
+    return np.frombuffer(bytes(data), values.dtype).reshape(values.shape)
+
+
 def _texts(rng: Random, file: Any) -> None:
+    """Change some texts, or how they are stored."""
     dataset = _dataset(rng, file)
     if dataset.dtype.kind not in "OS" or dataset.ndim != 1 or not len(dataset):
         return
     texts = [bytes(text) for text in dataset[()]]
     for _ in range(rng.choice((1, 2, len(texts)))):
-        name = rng.choice((*NAMES, texts[0].decode("utf-8", "ignore")))
-        texts[rng.randrange(len(texts))] = name.encode("utf-8", "surrogatepass")
+        first = texts[0].decode("utf-8", "ignore")
+        name = rng.choice((*NAMES, first))
+        place = rng.randrange(len(texts))
+        texts[place] = name.encode("utf-8", "surrogatepass")
     if rng.random() < 0.5:
         put(file, dataset.name, np.array(texts, "S"))
     else:
@@ -391,38 +428,34 @@ def _texts(rng: Random, file: Any) -> None:
 
 
 def _type(rng: Random, file: Any) -> None:
+    """Give a dataset another type, at times with zeros in it."""
     dataset = _dataset(rng, file)
     kind = rng.choice(TYPES)
     with np.errstate(all="ignore"), suppress(TypeError, ValueError):
-        zeros = rng.random() < 0.3
-        values = (
-            np.zeros(dataset.shape, kind)
-            if zeros
-            else np.asarray(dataset[()]).astype(kind)
-        )
+        if rng.random() < 0.3:
+            values = np.zeros(dataset.shape, kind)
+        else:
+            values = np.asarray(dataset[()]).astype(kind)
         put(file, dataset.name, values)
 
 
 def _shape(rng: Random, file: Any) -> None:
     """Change the shape of a dataset, or make it a large one that nobody wrote."""
     dataset = _dataset(rng, file)
-    name, rank = dataset.name, dataset.ndim
+    name = dataset.name
+    rank = dataset.ndim
     if rank and dataset.dtype.kind not in "OS" and rng.random() < 0.4:
         shape = (10 ** rng.randrange(5, 12), *dataset.shape[1:])
         del file[name]
         file.create_dataset(name, shape, "f8", chunks=(1,) * rank)
         return
     values = np.asarray(dataset[()])
-    changed: list[Any] = [values[None], values.ravel(), values.T, h5py.Empty("f8")]
+    shapes: list[Any] = [values[None], values.ravel(), values.T, h5py.Empty("f8")]
     if values.ndim:
-        changed += [
-            values[..., :-1],
-            values[1:],
-            values[:0],
-            np.concatenate([values, values]),
-        ]
+        twice = np.concatenate([values, values])
+        shapes += [values[..., :-1], values[1:], values[:0], twice]
     text = {"dtype": h5py.string_dtype()} if dataset.dtype.kind == "O" else {}
-    put(file, name, rng.choice(changed), **text)
+    put(file, name, rng.choice(shapes), **text)
 
 
 def _further(rng: Random, file: Any) -> None:
@@ -436,14 +469,12 @@ def _further(rng: Random, file: Any) -> None:
         "a\nb",
     )
     values = (
-        *(
-            np.zeros(8),
-            np.zeros((3, 3)),
-            "text",
-            [b"\xff"],
-            np.zeros(0),
-            h5py.Empty("f4"),
-        ),
+        np.zeros(8),
+        np.zeros((3, 3)),
+        "text",
+        [b"\xff"],
+        np.zeros(0),
+        h5py.Empty("f4"),
         np.zeros((8, 15), "?"),
     )
     file[rng.choice(names)] = rng.choice(values)
@@ -477,20 +508,19 @@ def _attribute(rng: Random, file: Any) -> None:
     )
     name = rng.choice([*file.attrs, *usual])
     values = (
-        *(
-            np.nan,
-            np.inf,
-            -1,
-            2,
-            "text",
-            "",
-            "\x1b[2J",
-            b"\xff",
-            [1, 2],
-            np.zeros((2, 2)),
-            10**18,
-        ),
-        *(h5py.Empty("f8"), True),
+        np.nan,
+        np.inf,
+        -1,
+        2,
+        "text",
+        "",
+        "\x1b[2J",
+        b"\xff",
+        [1, 2],
+        np.zeros((2, 2)),
+        10**18,
+        h5py.Empty("f8"),
+        True,
     )
     if name in file.attrs:
         del file.attrs[name]
@@ -499,6 +529,16 @@ def _attribute(rng: Random, file: Any) -> None:
 
 
 HDF5_CHANGES: tuple[Callable[[Random, Any], object], ...] = (
-    *(_numbers, _numbers, _numbers, _texts, _texts, _type, _shape, _shape),
-    *(_further, _replace, _replace, _attribute),
+    _numbers,
+    _numbers,
+    _numbers,
+    _texts,
+    _texts,
+    _type,
+    _shape,
+    _shape,
+    _further,
+    _replace,
+    _replace,
+    _attribute,
 )

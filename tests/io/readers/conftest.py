@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shapefit.errors import InputError
 from tests.io.files import load_shapes
+from tests.io.readers.made import read_images
 
 
 @pytest.fixture
@@ -41,3 +43,42 @@ def table(tmp_path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def points(rng):
+    """Seven frames of two animals of four landmarks, one of which is missing once."""
+    points = rng.integers(1, 600, (7, 2, 4, 2)).astype(float)
+    points[3, 1, 2] = np.nan
+    return points
+
+
+@pytest.fixture
+def confidence(rng):
+    """Confidences that single precision holds as they are."""
+    return np.round(rng.uniform(0.25, 1, (7, 2, 4)) * 64) / 64
+
+
+@pytest.fixture
+def read():
+    """Read the images of a file."""
+
+    def read(path, **options):
+        images, _ = read_images(path, **options)
+        return images
+
+    return read
+
+
+@pytest.fixture
+def problem(read):
+    """The error of a file that must not be read, without its path."""
+
+    def problem(path):
+        with pytest.raises(InputError) as error:
+            read(path)
+        text = str(error.value)
+        assert text.startswith(str(path)), text
+        return text.removeprefix(str(path))
+
+    return problem

@@ -125,9 +125,18 @@ LONG: dict[str, Callable[[list[Row]], str | bytes]] = {
 WIDE: dict[str, Callable[[list[Row]], str | bytes]] = {
     name: LONG[name]
     for name in (
-        *("commas", "commas and quotes", "semicolons", "tabs", "CR", "UTF-16"),
-        *("index of pandas", "index of R", "called image", "called specimen"),
-        *("called as nobody else does", "without a name"),
+        "commas",
+        "commas and quotes",
+        "semicolons",
+        "tabs",
+        "CR",
+        "UTF-16",
+        "index of pandas",
+        "index of R",
+        "called image",
+        "called specimen",
+        "called as nobody else does",
+        "without a name",
     )
 } | {
     "decimal commas": lambda rows: text_of(decimal_commas(rows, 1), ";"),

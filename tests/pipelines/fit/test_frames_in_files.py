@@ -37,18 +37,35 @@ TIMES = STEPS / RATE
 OF_MEDIAPIPE = dict(
     zip(installed_skeletons()["mediapipe_33"].landmark_names, COCO, strict=False)
 )
+
+
+def numbered_names(prefix):
+    """Return landmarks of a file that have numbers -> what they are."""
+    return {f"{prefix}{number}": COCO[number] for number in range(COUNT)}
+
+
 NAMED = {
     "caliscope": OF_MEDIAPIPE,
-    **{
-        name: {f"p{n}": COCO[n] for n in range(COUNT)}
-        for name in ("deeplabcut", "table", "our_csv")
-    },
-    **{
-        name: {f"point{n}": COCO[n] for n in range(COUNT)}
-        for name in ("deeplabcut_hdf5", "slp", "nwb", "movement")
-    },
+    "deeplabcut": numbered_names("p"),
+    "table": numbered_names("p"),
+    "our_csv": numbered_names("p"),
+    "deeplabcut_hdf5": numbered_names("point"),
+    "slp": numbered_names("point"),
+    "nwb": numbered_names("point"),
+    "movement": numbered_names("point"),
 }
 """What landmarks are called in files that name them -> what they are."""
+
+
+SORTED_ALONE = (nwb, movement)
+"""Formats in which times that fall are refused."""
+
+
+KEYS = {
+    "caliscope": {"keypoints": None},
+    "yolo": {"keypoints": "coco_17", "image_size": [1000, 1000]},
+}
+"""Keys that the files of some tools need."""
 
 
 def body(frame: int) -> np.ndarray:
@@ -60,55 +77,63 @@ def write_as(path, *suffixes):
     """Convert a file to others beside it, named by their suffixes."""
     outputs = [path.with_name(f"out.{suffix}") for suffix in suffixes]
     for output in outputs:
-        names = {"files": (path,), "output": output}
-        assert list(convert(load_config("convert", None, [], names)))
+        files = {"files": (path,), "output": output}
+        assert list(convert(load_config("convert", None, [], files)))
     return outputs
 
 
 def check_trc(path):
     """All frames are there, at their times; those that nobody gave are empty."""
-    rows = parse_trc(path)[3]
-    np.testing.assert_allclose(np.diff(rows[:, 1]), 1 / RATE, atol=1e-6)
-    filled = np.isfinite(rows[:, 2:]).any(axis=1)
-    np.testing.assert_array_equal(np.flatnonzero(filled), STEPS)
-    poses = read_trc((path,))
-    np.testing.assert_array_equal(poses.frame[filled], STEPS)
+    trc = parse_trc(path)
+    filled = np.flatnonzero(~trc.empty)
+    np.testing.assert_allclose(np.diff(trc.times), 1 / RATE, atol=1e-6)
+    np.testing.assert_array_equal(filled, STEPS)
+    np.testing.assert_array_equal(read_trc((path,)).frame[filled], STEPS)
+
+
+def from_first(column):
+    """Return the numbers of items by those of the first."""
+    numbers = np.array([*column.values()])
+    return numbers - numbers[0]
 
 
 def check_csv(path):
     """Frames by item, with the time where the file has it."""
     rows = [*csv.DictReader(path.open(encoding="utf-8"))]
     frames = {row["item"]: int(row["frame"]) for row in rows}
-    numbers = np.array([*frames.values()])
-    np.testing.assert_array_equal(numbers - numbers[0], STEPS)
+    np.testing.assert_array_equal(from_first(frames), STEPS)
     if "time" in rows[0]:
         times = {row["item"]: float(row["time"]) for row in rows}
-        seconds = np.array([*times.values()])
-        np.testing.assert_allclose(seconds - seconds[0], TIMES, atol=1e-6)
+        np.testing.assert_allclose(from_first(times), TIMES, atol=1e-6)
 
 
 def check_mot(path):
     """A row for each frame that has a shape, at its time."""
-    table = path.read_text(encoding="utf-8").split("endheader\n")[1]
-    times = [float(line.split("\t")[0]) for line in table.split("\n")[1:-1]]
+    _, _, body = path.read_text(encoding="utf-8").partition("endheader\n")
+    _labels, *rows = body.splitlines()
+    times = [float(row.split("\t")[0]) for row in rows]
     np.testing.assert_allclose(np.diff(times), np.diff(STEPS) / RATE, atol=1e-6)
+
+
+def lift(path, folder, **keys):
+    """Lift a file by people; return the result, and its file."""
+    output = folder / "fit.h5"
+    usual = {"image_size": [640, 480], "keypoints": "coco_17"}
+    fit_file(path, "people", output, **usual | keys)
+    return read_results(output), output
 
 
 @pytest.mark.parametrize("make", IMAGES.values(), ids=IMAGES)
 def test_frames_and_times_of_images_reach_the_files(tmp_path, make):
-    sorted_alone = make in (nwb, movement)  # times that fall are refused
-    path = make(tmp_path / "v", FRAMES if sorted_alone else GIVEN, body)
-    keys = {"method": "sequences", "image_size": [640, 480], "frame_rate": RATE}
-    if make.__name__ not in NAMED or make.__name__ == "caliscope":
-        keys["keypoints"] = None if make.__name__ == "caliscope" else "coco_17"
-    rename = NAMED.get(make.__name__, {})
-    if make.__name__ == "yolo":
-        keys |= {"image_size": [1000, 1000]}
-    fit_file(path, "people", tmp_path / "fit.h5", rename=rename, **keys)
-    result = read_results(tmp_path / "fit.h5")
+    name = make.__name__
+    path = make(tmp_path / "v", FRAMES if make in SORTED_ALONE else GIVEN, body)
+    keys = {"method": "sequences", "frame_rate": RATE}
+    if name in NAMED:
+        keys |= {"rename": NAMED[name], "keypoints": None}
+    result, result_file = lift(path, tmp_path, **keys | KEYS.get(name, {}))
+    trc, mot, table = write_as(result_file, "trc", "mot", "csv")
     np.testing.assert_array_equal(result.frames - result.frames[0], STEPS)
     assert len({*result.sequences}) == 1
-    trc, mot, table = write_as(tmp_path / "fit.h5", "trc", "mot", "csv")
     check_trc(trc)
     check_mot(mot)
     check_csv(table)
@@ -117,65 +142,69 @@ def test_frames_and_times_of_images_reach_the_files(tmp_path, make):
 @pytest.mark.parametrize("named", [False, True])
 def test_an_empty_file_of_labels_is_an_image_of_nobody(tmp_path, named):
     folder = yolo(tmp_path / "v", FRAMES, body)
-    (folder / f"image_{FRAMES[2]}.txt").write_text("")
-    keys = {"image_size": [1000, 1000], "keypoints": "coco_17"}
-    given = folder
-    if named:
-        given = folder / "*.txt"
-    fit_file(given, "people", tmp_path / "fit.h5", **keys)
-    result = read_results(tmp_path / "fit.h5")
-    steps = np.delete(FRAMES, 2) - FRAMES[0]
-    np.testing.assert_array_equal(result.frames - result.frames[0], steps)
+    empty = folder / f"image_{FRAMES[2]}.txt"
+    empty.write_text("")
+    files = folder / "*.txt" if named else folder
+    result, _ = lift(files, tmp_path, method="convex", **KEYS["yolo"])
+    expected = np.delete(FRAMES, 2) - FRAMES[0]
+    np.testing.assert_array_equal(result.frames - result.frames[0], expected)
 
 
-def markers(suffix):
-    """Return a maker of TRC or of Vicon's CSV of a person who walks."""
-
-    def make(folder, frames):
-        names = COCO
-        rows = []
-        for frame in frames:
-            points = np.insert(body(frame) * (1, -1), 2, 5.0, axis=1).ravel()
-            rows.append(points.tolist())
-        if suffix == "trc":
-            axes = "\t".join(
-                f"{axis}{n}" for n in range(1, COUNT + 1) for axis in "XYZ"
-            )
-            lines = [
-                "PathFileType\t4\t(X/Y/Z)\tw.trc",
-                "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
-                f"{RATE:g}\t{RATE:g}\t{len(frames)}\t{COUNT}\tmm",
-                "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
-                f"\t\t{axes}",
-            ]
-            lines += [
-                "\t".join(map(str, [frame, f"{frame / RATE:.6f}", *row]))
-                for frame, row in zip(frames, rows, strict=True)
-            ]
-        else:
-            lines = ["Trajectories", f"{RATE:g}", ",," + ",,,".join(names) + ",,"]
-            lines += ["Frame,Sub Frame" + ",X,Y,Z" * COUNT, ",," + "mm," * 3 * COUNT]
-            lines += [
-                ",".join(map(str, [frame, 0, *row]))
-                for frame, row in zip(frames, rows, strict=True)
-            ]
-        return text(folder / f"w.{suffix}", "\n".join(lines) + "\n")
-
-    return make
+def rows_of_markers(frames):
+    """Return the coordinates of a person who walks 5 mm before a plane, y up."""
+    rows = []
+    for frame in frames:
+        points = np.insert(body(frame) * (1, -1), 2, 5.0, axis=1)
+        rows.append(points.ravel().tolist())
+    return rows
 
 
-@pytest.mark.parametrize(
-    ("make", "has_joints"),
-    [(markers("trc"), True), (markers("csv"), True), (amc, False)],
-    ids=["TRC", "Vicon", "AMC"],
-)
-def test_frames_and_times_of_motion_reach_the_files(tmp_path, make, has_joints):
+def trc_of_markers(folder, frames):
+    axes = "\t".join(f"{axis}{n}" for n in range(1, COUNT + 1) for axis in "XYZ")
+    lines = [
+        "PathFileType\t4\t(X/Y/Z)\tw.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
+        f"{RATE:g}\t{RATE:g}\t{len(frames)}\t{COUNT}\tmm",
+        "Frame#\tTime\t" + "\t\t\t".join(COCO) + "\t\t",
+        f"\t\t{axes}",
+    ]
+    for frame, row in zip(frames, rows_of_markers(frames), strict=True):
+        cells = [frame, f"{frame / RATE:.6f}", *row]
+        lines.append("\t".join(map(str, cells)))
+    return text(folder / "w.trc", "\n".join([*lines, ""]))
+
+
+def vicon_of_markers(folder, frames):
+    lines = [
+        "Trajectories",
+        f"{RATE:g}",
+        ",," + ",,,".join(COCO) + ",,",
+        "Frame,Sub Frame" + ",X,Y,Z" * COUNT,
+        ",," + "mm," * 3 * COUNT,
+    ]
+    for frame, row in zip(frames, rows_of_markers(frames), strict=True):
+        lines.append(",".join(map(str, [frame, 0, *row])))
+    return text(folder / "w.csv", "\n".join([*lines, ""]))
+
+
+MOTION = {"TRC": trc_of_markers, "Vicon": vicon_of_markers, "AMC": amc}
+
+
+WITH_JOINTS = {"TRC": trc_of_markers, "Vicon": vicon_of_markers}
+
+
+@pytest.mark.parametrize("make", MOTION.values(), ids=MOTION)
+def test_frames_and_times_of_motion_reach_our_files(tmp_path, make):
     path = make(tmp_path / "v", GIVEN)
     whole, table = write_as(path, "h5", "csv")
     shapes = read_shapes([whole], gaps=True)
     np.testing.assert_array_equal(shapes.frames - shapes.frames[0], STEPS)
     check_csv(table)
-    if has_joints:
-        trc, mot = write_as(path, "trc", "mot")
-        check_trc(trc)
-        check_mot(mot)
+
+
+@pytest.mark.parametrize("make", WITH_JOINTS.values(), ids=WITH_JOINTS)
+def test_frames_and_times_of_motion_reach_files_of_joints(tmp_path, make):
+    path = make(tmp_path / "v", GIVEN)
+    trc, mot = write_as(path, "trc", "mot")
+    check_trc(trc)
+    check_mot(mot)

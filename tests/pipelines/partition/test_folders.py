@@ -207,8 +207,26 @@ class TestInputsThatChange:
 
 
 VALUES = (
-    *(None, -1, 0, 1.5, 2**70, "", "x", "a\0b", "\ud800", "../x", [], [1], {}),
-    *(True, "done", "failed", "part-00000.h5", [["a"]], {"a": {}}, float("nan")),
+    None,
+    -1,
+    0,
+    1.5,
+    2**70,
+    "",
+    "x",
+    "a\0b",
+    "\ud800",
+    "../x",
+    [],
+    [1],
+    {},
+    True,
+    "done",
+    "failed",
+    "part-00000.h5",
+    [["a"]],
+    {"a": {}},
+    float("nan"),
 )
 """What stands in the place of a value."""
 

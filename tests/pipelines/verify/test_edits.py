@@ -310,8 +310,14 @@ def lose_the_seal(folder):
 
 
 LIES = (
-    *(double_with_a_line, double_as_other_rows, double_in_place, swap_with_sizes),
-    *(cut_with_its_line, cut_the_first_with_its_line, cut_images, lose_the_seal),
+    double_with_a_line,
+    double_as_other_rows,
+    double_in_place,
+    swap_with_sizes,
+    cut_with_its_line,
+    cut_the_first_with_its_line,
+    cut_images,
+    lose_the_seal,
 )
 
 

@@ -109,8 +109,14 @@ def persons(landmarks, tmp_path_factory):
 
 
 METHODS = [
-    *("convex", "convex+refine", "alternate", "mean-shape", "global", "pmp"),
-    *("posterior", "sequences"),
+    "convex",
+    "convex+refine",
+    "alternate",
+    "mean-shape",
+    "global",
+    "pmp",
+    "posterior",
+    "sequences",
 ]
 FORMS = [("csv", True), ("folder", True), ("hdf5", False)]
 """Form of the images, and whether there are two files of them, the second HDF5, and

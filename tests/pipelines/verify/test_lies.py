@@ -253,7 +253,12 @@ def replace_by_a_pipe(folder):
 
 
 LIES_OF_FOLDERS = [
-    *(exchange, lose_file, add_file, no_parts, shift_rows, replace_by_a_pipe)
+    exchange,
+    lose_file,
+    add_file,
+    no_parts,
+    shift_rows,
+    replace_by_a_pipe,
 ]
 
 
