@@ -170,6 +170,7 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(
         mean=mean[None],
         precision=precision[None],
         log_det=log_det[None],
+        growth=np.ones(1),
     )
     free = replace(
         model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0]
@@ -279,12 +280,11 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     g = growth[:, None, None]
     visible = images(body, noise=0.02)
     covariance = np.linalg.inv(visible.precision)
-    found = replace(visible, precision=visible.precision.copy()).grown(growth)
+    found = visible.grown(growth)
     np.testing.assert_allclose(found.start * g, visible.start)
     np.testing.assert_allclose(found.mean * g, visible.mean)
-    np.testing.assert_allclose(
-        np.linalg.inv(found.precision), covariance / g[..., None] ** 2
-    )
+    precision = found.growth[:, None, None, None] ** 2 * found.precision
+    np.testing.assert_allclose(np.linalg.inv(precision), covariance / g[..., None] ** 2)
     np.testing.assert_allclose(
         found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1]
     )
@@ -354,7 +354,7 @@ def test_stretches_on_both_sides_of_a_long_gap_move_by_themselves(images, body, 
     """But have bones of one length: without bones they are those of two sequences."""
     free = replace(model, bones=BONES[:0], bone_tolerance=model.bone_tolerance[:0])
     seen = images(body, noise=0.05)
-    apart = [smooth(part(seen, rows), free, 0.1) for rows in (slice(9), slice(9, None))]
+    apart = [smooth(seen.part(rows), free, 0.1) for rows in (slice(9), slice(9, None))]
     position = np.arange(len(body)) + np.where(np.arange(len(body)) < 9, 0.0, 30.0)
     gap = replace(free, timeline=Timeline(position, 24.0))
     found = smooth(seen, gap, 0.1).points
@@ -363,11 +363,6 @@ def test_stretches_on_both_sides_of_a_long_gap_move_by_themselves(images, body, 
     )
     joined = smooth(seen, free, 0.1).points
     assert np.abs(joined[7:11] - found[7:11]).max() > 0.02
-
-
-def part(visible, rows):
-    names = ("landmarks", "trust", "start", "log_share", "mean", "precision", "log_det")
-    return replace(visible, **{name: getattr(visible, name)[rows] for name in names})
 
 
 def test_motion_over_missing_frames_is_better_than_without(images, body, model):

@@ -89,6 +89,23 @@ def test_without_edges_sequences_go_by_smooth_motion(people, tmp_path):
     assert second[0] < second[1]
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_sequence_for_which_a_thread_is_left_is_inferred_on_two(
+    people, tmp_path, count
+):
+    images = load(people / "views.h5")
+    sequences = np.array(images.sequences)
+    names = list(dict.fromkeys(sequences))[:count]
+    assert len(names) == count
+    some = images.take(np.flatnonzero(np.isin(sequences, names)))
+    path = written(tmp_path / "some.h5", some)
+    one, two = (fitted(people, path, threads=threads)[0] for threads in (1, 2))
+    assert np.isfinite(one.column("sequence_noise")).any()
+    for column in ("shape_sd", "shape_correlation", "sequence_noise"):
+        np.testing.assert_array_equal(two.column(column), one.column(column))
+    np.testing.assert_array_equal(two.as_columns(), one.as_columns())
+
+
 @pytest.mark.parametrize(
     ("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)]
 )
