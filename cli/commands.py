@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -486,6 +484,9 @@ def config(command: str, section: str, as_json: bool) -> int:
 
     SECTION is a section of the config, or a single key: only those are listed.
     """
+    import json
+    import shutil
+
     from shapefit.config import CONFIGS
     from shapefit.config.reference import rows
 

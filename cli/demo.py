@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +97,8 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
 
     Yields what their pipelines yield; frames of the page do not count as images.
     """
+    import shutil
+
     from shapefit.config import FitConfig, ViewConfig
     from shapefit.io.atomic import staged_files
     from shapefit.pipelines.fit.fit import fit as fit_images

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -51,6 +50,8 @@ def tell(text: str) -> None:
 
 def printable_json(values: object) -> str:
     """Return values as JSON on one line, what is not printable as escapes of JSON."""
+    import json
+
     text = json.dumps(values, ensure_ascii=False, default=str)
     if text.isprintable():
         return text

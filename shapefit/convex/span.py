@@ -32,9 +32,8 @@ MAX_SPAN_SHARE = 0.75
 MIN_IMAGES_OF_WEIGHTS = 4
 """Images that share their weights, in the mean, from which on the span pays."""
 
-NEGLIGIBLE_SINGULAR_VALUE = 1e-12
-"""Singular value of the atoms beside the largest below which a direction is rounding.
-"""
+NEGLIGIBLE_DISTANCE = 1e-12
+"""Distance of rows from a span, beside their size, which is rounding."""
 
 MIN_SQUARED_DISTANCE = 1e-10
 """Squared distance of a row from the span of those before it, beside the largest
@@ -89,23 +88,34 @@ def find_row_space(rows: Floats, max_dimension: int) -> Floats | None:
     random mixtures span the same (Halko, Martinsson and Tropp, SIAM Review 2011), which
     the rows themselves then prove.
     """
-    rows = rows / (np.abs(rows).max() or 1.0)
-    if are_independent(rows[: max_dimension + 1]):
-        return np.linalg.qr(rows.T).Q if len(rows) <= max_dimension else None
+    rows = rows / (max(rows.max(), -rows.min()) or 1.0)
     rng = np.random.default_rng(0)
     most = min(max_dimension, len(rows))
     numbers = [number for number in RANDOM_MIXTURES if number < most]
     for mixtures in (*numbers, most):
-        mixed = rng.normal(size=(mixtures, len(rows))) @ rows
-        basis = np.linalg.qr(mixed.T).Q
-        along = rows @ basis
-        left = np.linalg.norm(rows - along @ basis.T)
-        if left <= NEGLIGIBLE_SINGULAR_VALUE * np.linalg.norm(rows):
-            size, turned = np.linalg.svd(along, full_matrices=False)[1:]
-            is_real = size > NEGLIGIBLE_SINGULAR_VALUE * size[0]
-            reduced: Floats = basis @ turned[is_real].T
-            return reduced
+        # more rows than mixtures, or all of them: mixing would gain nothing
+        if are_independent(rows[: mixtures + 1]):
+            continue
+        mixing = rng.normal(size=(mixtures, len(rows)))
+        basis = orthonormalise(mixing @ rows)
+        left = (rows @ basis) @ basis.T
+        left -= rows
+        if np.linalg.norm(left) <= NEGLIGIBLE_DISTANCE * np.linalg.norm(rows):
+            return basis
+    if len(rows) <= max_dimension:
+        return np.linalg.qr(rows.T).Q
     return None
+
+
+def orthonormalise(rows: Floats) -> Floats:
+    """Return an orthonormal basis (p, r) of rows (m, p), in the order of the rows.
+
+    A row whose distance from the span of those before it is rounding adds nothing.
+    """
+    Q, R = np.linalg.qr(rows.T)
+    distance = np.abs(R.diagonal())
+    basis: Floats = Q[:, distance > NEGLIGIBLE_DISTANCE * distance.max()]
+    return basis
 
 
 def are_independent(rows: Floats) -> bool:
@@ -134,10 +144,9 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
         weights = problem.weights[rows]
         basis = basis_of(weights[0].tobytes())
         w = weighted(problem.landmarks[rows], weights)
-        weights_of_atoms = np.broadcast_to(weights[0], problem.atoms.shape[::2])
-        B = weighted(problem.atoms, weights_of_atoms)
         ones = np.ones((len(rows), basis.shape[1]))
-        reduced = Problem(w @ basis, ones, B @ basis, problem.lam[rows])
+        atoms = reduce_atoms(problem.atoms, weights[0], basis)
+        reduced = Problem(w @ basis, ones, atoms, problem.lam[rows])
         return Reduced(rows, reduced, basis)
 
     for start in range(0, len(problem.lam), core.IMAGES_PER_BLOCK):
@@ -185,6 +194,19 @@ def find_basis(span: Floats, weights: Floats) -> Floats:
     h[-1] += 1
     Z = np.eye(r + 1)[:r] - np.outer(h[:r], h) / h[-1]
     return np.asarray(U @ Z, np.float64)
+
+
+def reduce_atoms(atoms: Floats, weights: Floats, basis: Floats) -> Floats:
+    """Return the weighted, centred atoms (k, 3, r + 1) in a basis (p, r + 1).
+
+    atoms (k, 3, p), weights (p,). The weights go to the basis, which is smaller.
+    """
+    k, _, p = atoms.shape
+    squares = (weights / (weights.max() or 1.0)) ** 2
+    mean = atoms @ squares / (squares.sum() or 1.0)
+    centred = (atoms - mean[..., None]).reshape(-1, p)
+    reduced: Floats = centred @ (weights[:, None] * basis)
+    return reduced.reshape(k, 3, -1)
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:

@@ -26,6 +26,11 @@ MAX_KMEANS_ROUNDS = 20
 MIN_SHAPES = 1e-3
 """Shapes of a component below which it has died, and would only mislead."""
 
+SHAPES_AT_A_TIME = 1024
+"""What is made of so many stays in the cache. Threads that took memory for all shapes
+at once spent a third of their time on getting it from the system.
+"""
+
 MIN_SHAPE_SHARE = 1e-15
 """Of a shape in a component, below which it adds nothing to the covariance; most do."""
 
@@ -79,11 +84,14 @@ class Mixture:
             """Compute the column of component k."""
             L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
-            z = whiten @ x
-            z -= (whiten @ self.means[k].ravel())[:, None]
-            np.square(z, out=z)
+            centre = whiten @ self.means[k].ravel()
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
-            density[:, k] = np.log(self.weights[k]) - 0.5 * z.sum(axis=0) - log_size
+            log_weight = np.log(self.weights[k])
+            for part in parts(x.shape[1]):
+                z = whiten @ x[:, part]
+                z -= centre[:, None]
+                np.square(z, out=z)
+                density[part, k] = log_weight - 0.5 * z.sum(axis=0) - log_size
 
         on_threads(fill, range(len(self)), 0)
         return density
@@ -260,6 +268,15 @@ def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     X (n, d), weights w (n,); mean (d,) must be the weighted mean of X.
     """
     some = np.flatnonzero(w > MIN_SHAPE_SHARE)
-    weighted = np.sqrt(w[some])[:, None] * X[some]
-    scatter: Floats = weighted.T @ weighted - w.sum() * np.outer(mean, mean)
+    scatter: Floats = -w.sum() * np.outer(mean, mean)
+    for part in parts(len(some)):
+        rows = some[part]
+        weighted = np.sqrt(w[rows])[:, None] * X[rows]
+        scatter += weighted.T @ weighted
     return scatter
+
+
+def parts(n: int) -> Iterator[slice]:
+    """Yield slices that divide n shapes, SHAPES_AT_A_TIME at most in each."""
+    for first in range(0, n, SHAPES_AT_A_TIME):
+        yield slice(first, min(first + SHAPES_AT_A_TIME, n))

@@ -23,7 +23,6 @@ from shapefit.records.columns import (
     Words,
 )
 from shapefit.records.items import Direction, Items
-from shapefit.records.page import Page
 from shapefit.records.shapes import Shapes
 
 if TYPE_CHECKING:
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
     from shapefit.geometry.cameras import Up
+    from shapefit.records.page import Page
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -282,7 +282,7 @@ class Fit(Items):
 
     def view(
         self, output: str | PathLike[str] | None = None, *, open: bool = False
-    ) -> Page:
+    ) -> "Page":
         """Make the page of `shapefit view`, to rotate and play.
 
         Parameters

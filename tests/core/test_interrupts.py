@@ -128,6 +128,7 @@ def sequence(rng, t=1000, p=15, components=2, bones=14):
         log_share=np.log(np.full((t, components), 1 / components)),
         means=rng.normal(size=(t, components, d)),
         precisions=np.tile(np.eye(d), (t, components, 1, 1)),
+        growth=np.ones(t),
         log_det=np.zeros((t, components)),
         stiffness=np.full(p, 3.0),
         differences=np.tile([1.0, -2.0, 1.0], (t, 1)),

@@ -50,8 +50,10 @@ void RowSystem::copy_directions(const ActiveBlocks& active) {
     for (int t = 0; t < 6; ++t)
         for (int e = 0; e < 7; ++e) {
             const double* from = active.number(t, e);
-            for (Index d = 0; d < blocks_with(t); ++d)
-                number(t, e)[d] = from[order_[d]];
+            double* to = number(t, e);
+            const Index count = blocks_with(t);
+            for (Index d = 0; d < count; ++d) to[d] = from[order_[d]];
+            for (Index d = count; d < padded(count); ++d) to[d] = 0;
         }
 }
 
@@ -74,22 +76,30 @@ void RowSystem::find_right_side(double shift, const double* r, ReducedAtoms& ato
 // The rows of F F^T of block c, from the diagonal on.
 void RowSystem::add_products_of(Index c, ShiftedGram& gram) {
     const double* products = products_.with(atom_[c]);
-    for (int e = 0; e < 9; ++e)
+    for (int e = 0; e < 9; ++e) {
+        double* product = product_ + e * capacity_;
         for (Index d = 0; d < blocks_; ++d)
-            product_[e * capacity_ + d] =
-                products[e * products_.places() + products_.place(atom_[d])];
+            product[d] = products[e * products_.places() + products_.place(atom_[d])];
+        for (Index d = blocks_; d < padded(blocks_); ++d) product[d] = 0;
+    }
     for (int t = 0; t < 6 && c < blocks_with(t); ++t) {
         turn_products(t, c);
         double* row = gram.factor_row(first_[t] + c);
-        for (int u = t; u < 6; ++u) {
-            double* __restrict out = row + first_[u];
-            const double *T = number(u, 0), *X = turned_;
-            const Index n = capacity_, last = blocks_with(u);
-            for (Index d = u == t ? c : 0; d < last; ++d)
-                out[d] += X[d] * T[d] + X[n + d] * T[n + d] +
-                          X[2 * n + d] * T[2 * n + d] + X[3 * n + d] * T[3 * n + d] +
-                          X[4 * n + d] * T[4 * n + d] + X[5 * n + d] * T[5 * n + d];
-        }
+        for (int u = t; u < 6; ++u)
+            add_products_with(u, u == t ? c : 0, row + first_[u]);
+    }
+}
+
+// row_d += <T_tc, T_ud (B_d B_c^T)>, a vector of blocks at a time, from the one that
+// holds block `first` on. Directions are 0 beyond the last block, and nobody reads what
+// a row has left of the diagonal.
+void RowSystem::add_products_with(int u, Index first, double* row) const {
+    const double* T = number(u, 0);
+    for (Index d = first / WIDTH * WIDTH; d < blocks_with(u); d += WIDTH) {
+        Doubles sum = load(row + d);
+        for (int e = 0; e < 6; ++e)
+            sum += load(turned_ + e * capacity_ + d) * load(T + e * capacity_ + d);
+        store(row + d, sum);
     }
 }
 

@@ -42,6 +42,7 @@ class RowSystem {
     void copy_directions(const ActiveBlocks& active);
     void find_right_side(double shift, const double* r, ReducedAtoms& atoms);
     void add_products_of(Index c, ShiftedGram& gram);
+    void add_products_with(int u, Index first, double* row) const;
     void turn_products(int direction, Index c);
     void expand(double shift, const double* r, double* x, ReducedAtoms& atoms) const;
 

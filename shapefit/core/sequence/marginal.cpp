@@ -58,19 +58,21 @@ double Marginal::weigh(const SequenceData& data, const Place& at, Index f, Index
     const Index D = D_, d = data.means.size[2];
     double *Q = each_ + k * D * D, *delta = delta_ + k * D;
     const double *P = data.precisions[f][k].data, *mean = data.means[f][k].data;
+    const double larger_unit = square(data.growth[f]);
     for (Index e = 0; e < D * D; ++e) Q[e] = rest_[e];
     for (Index i = 0; i < d; ++i)
-        for (Index j = i; j < d; ++j) Q[i * D + j] += P[i * d + j];
+        for (Index j = i; j < d; ++j) Q[i * D + j] += larger_unit * P[i * d + j];
     const double log_det = cholesky_inverse(Q, V_, D, D);
     if (!is_finite(log_det)) return -INFINITE;
     for (Index e = 0; e < d; ++e) away_[e] = mean[e] - at.y[f][e];
-    const double square = multiply_symmetric(P, away_, d, linear_term_);
-    for (Index e = 0; e < d; ++e) linear_term_[e] += at.linear_term[f][e];
+    const double distance = larger_unit * multiply_symmetric(P, away_, d, linear_term_);
+    for (Index e = 0; e < d; ++e)
+        linear_term_[e] = larger_unit * linear_term_[e] + at.linear_term[f][e];
     multiply_out(V_, Q, D, D);
     mirror(Q, D, D);
     mix_rows(linear_term_, D, Q, D, D, delta);
-    return data.log_share[f][k] +
-           0.5 * (dot(linear_term_, delta, d) - square - data.log_det[f][k] - log_det);
+    return data.log_share[f][k] + 0.5 * (dot(linear_term_, delta, d) - distance -
+                                         data.log_det[f][k] - log_det);
 }
 
 }  // namespace shapefit

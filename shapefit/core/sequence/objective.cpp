@@ -25,6 +25,7 @@ Bone bone_of(const SequenceData& data, const double* y, Index b) {
 double mix(const SequenceData& data, Index f, const double* y, double* share,
            double* linear_term, double* scratch) {
     const Index K = data.log_share.size[1], d = data.means.size[2], D = padded(d);
+    const double larger_unit = square(data.growth[f]);
     double best = -INFINITE, whole = 0;
     for (Index k = 0; k < K; ++k) {
         share[k] = data.log_share[f][k];
@@ -32,16 +33,18 @@ double mix(const SequenceData& data, Index f, const double* y, double* share,
         const double* mean = data.means[f][k].data;
         double *away = scratch, *pulled = scratch + (1 + k) * D;
         for (Index e = 0; e < d; ++e) away[e] = y[e] - mean[e];
-        const double square =
+        const double distance =
+            larger_unit *
             multiply_symmetric(data.precisions[f][k].data, away, d, pulled);
-        share[k] -= 0.5 * (square + data.log_det[f][k]);
+        share[k] -= 0.5 * (distance + data.log_det[f][k]);
         best = larger(share[k], best);
     }
     for (Index k = 0; k < K; ++k) whole += share[k] = exp(share[k] - best);
     for (Index e = 0; e < d; ++e) linear_term[e] = 0;
     for (Index k = 0; k < K; ++k) {
         share[k] /= whole;
-        if (share[k] > 0) add_to(linear_term, share[k], scratch + (1 + k) * D, d);
+        if (share[k] > 0)
+            add_to(linear_term, larger_unit * share[k], scratch + (1 + k) * D, d);
     }
     return -(best + log(whole));
 }
@@ -119,8 +122,8 @@ void add_precision(const SequenceData& data, const Place& at, Index f, double si
                    double* S) {
     const Index D = at.y.size[1], d = data.means.size[2];
     for (Index k = 0; k < data.log_share.size[1]; ++k) {
-        const double share = sign * at.share[f][k];
-        if (magnitude(share) < 1e-12) continue;
+        if (at.share[f][k] < 1e-12) continue;
+        const double share = sign * at.share[f][k] * square(data.growth[f]);
         const double* P = data.precisions[f][k].data;
         for (Index i = 0; i < d; ++i)
             for (Index j = i; j < d; ++j) S[i * D + j] += share * P[i * d + j];

@@ -23,8 +23,11 @@ struct SequenceData {
     Matrix<const double> weight = from("weight", "t 2p");
     // of the modes, -inf where there are fewer
     Matrix<const double> log_share = from("log_share", "t K");
-    Tensor<const double> means = from("means", "t K 3p");               // m
-    Blocks<const double> precisions = from("precisions", "t K 3p 3p");  // P
+    Tensor<const double> means = from("means", "t K 3p");  // m
+    // P g^-2
+    Blocks<const double> precisions = from("precisions", "t K 3p 3p");
+    // g, the unit of each frame in that of its precisions
+    Vector<const double> growth = from("growth", "t");
     Matrix<const double> log_det = from("log_det", "t K");    // of the covariances
     Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
     // c of the second difference that begins at each frame, 0 where there is none

@@ -21,8 +21,11 @@ lengths, inferred from it alone, are together as long as those of the others.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 from typing import NamedTuple
 
@@ -51,7 +54,7 @@ from shapefit.lifting.sequences.smoothing import (
     smooth,
 )
 from shapefit.lifting.trust import expected_error
-from shapefit.threads import on_threads
+from shapefit.threads import map_ahead, on_threads
 from shapefit.timeline import ASSUMED_RATE, Timeline
 
 MAX_CLIP_FRAMES = 4096
@@ -293,10 +296,16 @@ def refine_clips(
         if informative[clip].sum() >= MIN_CLIP_FRAMES
     ]
 
-    def refine(clip: slice) -> None:
-        refine_clip(clips, clip, informative[clip], is_finite[clip], motion, refined)
+    def refine(clip: slice, workers: int = 0) -> None:
+        refine_clip(
+            clips, clip, informative[clip], is_finite[clip], motion, refined, workers
+        )
 
-    on_threads(refine, long, threads)
+    threads = threads or os.cpu_count() or 1
+    # those that are left when each thread has as many as the others
+    divided = len(long) % threads
+    on_threads(refine, long[divided:], threads)
+    on_threads(partial(refine, workers=2), long[:divided], threads // 2)
     return refined
 
 
@@ -333,11 +342,13 @@ def refine_clip(
     is_finite: Flags,
     motion: BodyMotion,
     refined: RefinedClips,
+    workers: int,
 ) -> None:
     """Infer the t frames of one sequence, and write them into `refined`.
 
     clip: its rows of all images; informative and is_finite (t,): which of its images
-    say something of their frame, and which have a shape at all.
+    say something of their frame, and which have a shape at all. workers: threads on
+    which both of its units are inferred side by side; with 0 it is one after the other.
     """
     inference = Inference(clips, clip, informative, is_finite, motion, refined)
     stretches = inference.stretches
@@ -358,18 +369,19 @@ def refine_clip(
         visible = visible.in_larger_unit(larger)
         steady = steady * larger
         growth = growth * larger
-    smoothed = inference.infer(visible)
-    inference.store(smoothed, steady, slice(0, len(informative)))
-    energies = inference.energies_of(smoothed)
-    del smoothed  # covariances take most of the memory
-    visible = visible.in_larger_unit(growth / steady)
-    smoothed = inference.infer(visible)
+    grown = visible.in_larger_unit(growth / steady)
+    with closing(map_ahead(inference.infer, (visible, grown), workers)) as inferred:
+        smoothed = next(inferred)
+        inference.store(smoothed, steady, slice(0, len(informative)))
+        energies = inference.energies_of(smoothed)
+        del smoothed  # covariances take most of the memory
+        smoothed = next(inferred)
     energies_grown = inference.energies_of(smoothed)
     for stretch, before, after in zip(stretches, energies, energies_grown, strict=True):
         if after < before:
             inference.store(smoothed, growth, stretch)
     del smoothed
-    inference.leave_out_bones(visible, growth)
+    inference.leave_out_bones(grown, growth)
 
 
 class Inference:

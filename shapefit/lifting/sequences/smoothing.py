@@ -146,7 +146,9 @@ class Observations:
     probability, 0 where it is hidden; start (t, 3, p), the mean of each image;
     residual_variance, that with which the posteriors took the landmarks; log_share (t,
     k), mean (t, k, 3p), precision (t, k, 3p, 3p) and log_det (t, k) of the modes,
-    log_share -inf where a frame has fewer.
+    log_share -inf where a frame has fewer. growth g (t,), the unit of each frame in
+    that of its precision, which most of the memory is for: in the unit of all else it
+    is g^2 precision.
     """
 
     landmarks: Floats
@@ -157,6 +159,7 @@ class Observations:
     mean: Floats
     precision: Floats
     log_det: Floats
+    growth: Floats
 
     def __len__(self) -> int:
         return len(self.start)
@@ -172,15 +175,12 @@ class Observations:
             mean=self.mean[rows],
             precision=self.precision[rows],
             log_det=self.log_det[rows],
+            growth=self.growth[rows],
         )
 
     def in_larger_unit(self, factor: Floats) -> Observations:
-        """Return the observations with the unit of each frame larger by a factor (t,).
-
-        The precisions are written over.
-        """
+        """Return the observations with larger units of frames, by a factor (t,)."""
         g = factor[:, None, None]
-        np.multiply(self.precision, g[..., None] ** 2, out=self.precision)
         d = self.mean.shape[2]
         return replace(
             self,
@@ -188,6 +188,7 @@ class Observations:
             start=self.start / g,
             mean=self.mean / g,
             log_det=self.log_det - 2 * d * np.log(factor)[:, None],
+            growth=self.growth * factor,
         )
 
 
@@ -237,6 +238,7 @@ def smooth(
         log_share=visible.log_share,
         means=visible.mean,
         precisions=visible.precision,
+        growth=visible.growth,
         log_det=visible.log_det,
         stiffness=model.stiffness,
         differences=timeline.second_differences(),
@@ -365,6 +367,7 @@ def observe(
         mean=mean,
         precision=precision,
         log_det=log_det,
+        growth=np.ones(t),
     )
 
 

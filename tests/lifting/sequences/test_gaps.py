@@ -14,13 +14,6 @@ NOISE = 0.1
 FRAME_RATE = 24.0
 
 
-def part(visible, rows):
-    """Return what some of the images say."""
-    names = ("landmarks", "trust", "start", "log_share", "mean", "precision", "log_det")
-    some = {name: getattr(visible, name)[rows] for name in names}
-    return replace(visible, **some)
-
-
 class TestLongGap:
     """Of 30 frames after the ninth. Stretches on both sides of it move by themselves,
     but have bones of one length: without bones they are those of two sequences.
@@ -43,8 +36,8 @@ class TestLongGap:
     def test_both_stretches_move_by_themselves(self, seen, boneless, with_gap):
         found = smooth(seen, with_gap, NOISE).points
 
-        before = smooth(part(seen, slice(9)), boneless, NOISE).points
-        behind = smooth(part(seen, slice(9, None)), boneless, NOISE).points
+        before = smooth(seen.part(slice(9)), boneless, NOISE).points
+        behind = smooth(seen.part(slice(9, None)), boneless, NOISE).points
         assert_allclose(found, np.concatenate([before, behind]), atol=2e-3)
 
     def test_without_a_gap_they_move_together(self, seen, boneless, with_gap):

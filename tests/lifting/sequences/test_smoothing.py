@@ -275,6 +275,7 @@ class TestFrameByItself:
             mean=mode_means[None],
             precision=np.linalg.inv(mode_covariances)[None],
             log_det=log_det(mode_covariances)[None],
+            growth=np.ones(1),
         )
         noise = (1 / self.RESIDUAL_VARIANCE + landmark_weight) ** -0.5
         return smooth(visible, without_bones(model), noise, max_rounds=50)

@@ -55,6 +55,22 @@ def first_sequence(images):
     return images.take(rows)
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_thread_that_is_left_changes_nothing(people, lift_sequences, count):
+    """A sequence for which a thread is left is inferred on two."""
+    images = load(people.views)
+    names = list(dict.fromkeys(images.sequences))[:count]
+    rows = np.flatnonzero(np.isin(images.sequences, names))
+    some = images.take(rows)
+
+    one, _ = lift_sequences(some, threads=1)
+    two, _ = lift_sequences(some, threads=2)
+
+    assert np.isfinite(one.sequence_noise).any()
+    for column in ("shapes", "shape_sd", "shape_correlation", "sequence_noise"):
+        np.testing.assert_array_equal(two.column(column), one.column(column))
+
+
 @pytest.mark.parametrize(
     ("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)]
 )
