@@ -1,247 +1,34 @@
-"""What the command line hands to the pipelines, and what it makes of their outcomes and
-errors.
-"""
+"""What the command line hands to the pipelines."""
 
-import json
 import os
 import re
 import signal
 import webbrowser
-from itertools import count
 from pathlib import Path
 
 import pytest
 from shapefit.cli import main
-from shapefit.cli.report import has_columns
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
 from shapefit.config.reference import rows
-from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
 from shapefit.pipelines.result import (
-    CameraNumbers,
-    Counted,
     Failure,
-    Numbers,
     Result,
 )
 
 FIT = "fit -c fit.yaml"
-EVAL = "eval result.h5 --truth shapes.h5 -o report"
+
+
 PIPELINES = {
     "fit": "fit.fit.fit",
     "eval": "evaluate.run.evaluate_results",
     "view": "view.run.write_page",
 }
-FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
-NOT_OPTIMAL = [
-    Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)
-]
-FORGED = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
-INTERNAL = (
-    "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit;"
-    " --traceback or SHAPEFIT_TRACEBACK=1 shows where)\n"
-)
-
-READ = r"Read    views\.h5\n"
-
-TOLD = {
-    "a sum of all": (
-        FIT,
-        [Result(done=2, warnings=("odd",)), Result(done=1)],
-        0,
-        rf"Warning: odd\n{READ}Result  3 images, \S+ s\n",
-    ),
-    "a warning once": (
-        FIT,
-        [Result(warnings=("odd",))] * 3,
-        0,
-        rf"Warning: odd\n{READ}Result.*\n",
-    ),
-    "numbers of a warning in sum": (
-        FIT,
-        NOT_OPTIMAL,
-        0,
-        rf"Warning: 142 images not optimal\n{READ}Result.*\n",
-    ),
-    "too few that are trusted": (
-        f"{FIT} --fail-untrusted 0.2",
-        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))],
-        1,
-        r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
-        r"Failed: 30% are not trusted, more than --fail-untrusted"
-        rf" allows\n{READ}Result.*\n",
-    ),
-    "all that are not trusted": (
-        f"{FIT} -v",
-        [
-            Result(done=2, reasons=(Counted(1, "image", "far", (item,)),))
-            for item in "ab"
-        ],
-        0,
-        (
-            r"Not trusted: a: far\nNot trusted: b: far\nWarning: 2 of 4 images not"
-            r" trusted: 2 far\n.*"
-        ),
-    ),
-    "enough that are trusted": (
-        f"{FIT} --fail-untrusted 0.3 -q",
-        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))],
-        0,
-        "",
-    ),
-    "the last note": (
-        FIT,
-        [Result(note="a"), Result(note="b"), Result()],
-        0,
-        rf"{READ}Result  0 images, b, \S+ s\n",
-    ),
-    "no item at all": (FIT, [Result(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),
-    "rows of the pipeline, and one too long": (
-        FIT,
-        [
-            Result(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
-            Result(
-                done=2,
-                note="a",
-                rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
-                written=(Path.cwd() / "r.h5",),
-            ),
-        ],
-        0,
-        rf"Read    x: 2 images\nMethod  (posterior ?){{10}}\n        posterior"
-        rf" posterior\n"
-        rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view"
-        r" r.h5\n",
-    ),
-    "details": (
-        f"{FIT} -v",
-        [Result(note="a", rows=(("Result", "all well"),))],
-        0,
-        rf"{READ}Result  all well, \S+ s\nDetails a\n",
-    ),
-    "the unit of the outcomes": (
-        FIT,
-        [Result(done=34000, unit="shape")],
-        0,
-        rf"{READ}Result  34,000 shapes, .*",
-    ),
-    "files": (
-        FIT,
-        [Result(written=tuple(Path.cwd() / name for name in "ab"))],
-        0,
-        rf"{READ}Result.*\nWrote   {Path.cwd()}/: a, b\n",
-    ),
-    "many files": (
-        FIT,
-        [Result(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))],
-        0,
-        rf"{READ}Result.*\nWrote   9 files in /r/\n",
-    ),
-    "a page among many files": (
-        FIT,
-        [Result(written=(Path("/r/p.html"), *(Path(f"/r/{n}") for n in range(9))))],
-        0,
-        rf"{READ}Result.*\nWrote   /r/p.html and 9 more files\n",
-    ),
-    "all files": (
-        f"{FIT} -v",
-        [Result(written=tuple(Path(f"/r/{n}") for n in range(9)))],
-        0,
-        rf"{READ}Result.*\nWrote   /r/: 0, 1, .* 8\n",
-    ),
-    "failures": (
-        FIT,
-        [Result(done=30, failures=FAILING[:15]), Result(failures=FAILING[15:])],
-        1,
-        r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\n"
-        rf"{READ}Result  30 images, 27 failed, \S+ s\n",
-    ),
-    "all failures": (
-        f"{FIT} -v",
-        [Result(failures=FAILING)],
-        1,
-        rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n",
-    ),
-    "many warnings": (
-        FIT,
-        [Result(warnings=(f"w{n}",)) for n in range(27)],
-        0,
-        rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n",
-    ),
-    "failures alone": (
-        f"{FIT} -q",
-        [Result(failures=FAILING[:1], warnings=("odd",), line="a")],
-        1,
-        r"Failed: img_0: hidden\n",
-    ),
-    "no forged line": (
-        FIT,
-        [Result(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))],
-        1,
-        rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n",
-    ),
-    "every problem": (
-        FIT,
-        [InputError(["a.csv:3: no number", "a.csv:5: repeated"])],
-        2,
-        r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n",
-    ),
-    "an internal error": (
-        FIT,
-        [Result(done=1), ZeroDivisionError("division\nby zero")],
-        3,
-        re.escape(INTERNAL),
-    ),
-    "where it arose": (
-        f"{FIT} --traceback",
-        [ZeroDivisionError("division by zero")],
-        3,
-        "Traceback .*" + re.escape(INTERNAL),
-    ),
-    "too little memory": (
-        FIT,
-        [MemoryError("Unable to allocate 6.71 GiB")],
-        2,
-        (
-            r"Error: there is not enough memory: Unable to allocate 6.71 GiB; give"
-            r" fewer items .*"
-        ),
-    ),
-    "an interruption": (
-        FIT,
-        [Result(done=1), KeyboardInterrupt()],
-        130,
-        r"Interrupted; no file is left half written.\n",
-    ),
-}
 
 
-@pytest.mark.parametrize("case", TOLD)
-def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
-    line, outcomes, code, told = TOLD[case]
-    fake_pipeline(PIPELINES["fit"], outcomes)
-    done = shapefit(*line.split())
-    assert done.code == code
-    assert done.out == ""
-    assert re.fullmatch(told, done.err, re.DOTALL), done.err
-
-
-@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
-def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
-    report = (Path.cwd() / "report/report.html",)
-    fake_pipeline(
-        PIPELINES["eval"],
-        [Result(note="ours"), Result(note="| table |", written=report)],
-    )
-    done = shapefit(*EVAL.split(), *quiet)
-    assert done.code == 0
-    assert done.out == "| table |\n"
-    assert done.err == ("" if quiet else "Wrote   report/report.html\n")
-
-
-def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
+def test_arguments_and_options_reach_a_fit(shapefit, fake_pipeline, folder):
     configs = fake_pipeline(PIPELINES["fit"], [Result()])
     line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"
     shapefit(*line.split(), "-d", "shapes.h5")
@@ -250,15 +37,20 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     assert config.output == folder / "out.csv"
     assert config.lam == 1e-3
     assert config.outliers == "l1"
-    configs = fake_pipeline(
-        PIPELINES["view"], [Result(done=3, written=(folder / "page.html",))]
-    )
-    line = (
-        "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o"
-        " page.html"
-    )
-    told = shapefit(*line.split(), "--set", "images=frames")
+
+
+VIEW = (
+    "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5"
+    " -o page.html --set images=frames"
+)
+
+
+def test_arguments_and_options_reach_a_view(shapefit, fake_pipeline, folder):
+    outcome = Result(done=3, written=(folder / "page.html",))
+    configs = fake_pipeline(PIPELINES["view"], [outcome])
+    told = shapefit(*VIEW.split()).err
     (config,) = configs
+    read = r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\n"
     assert config.files == {
         "result": (folder / "result.h5",),
         "views": (folder / "views.h5",),
@@ -267,145 +59,103 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     assert config.dictionary == folder / "dict.h5"
     assert config.output == folder / "page.html"
     assert config.images == folder / "frames"
-    assert re.fullmatch(
-        r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n",
-        told.err,
-    )
+    assert re.fullmatch(rf"{read}Wrote   page.html\n", told)
 
 
 def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
-    asked = []
+    requests = []
     failures = (Failure("a", "the objective is P: off by 1"),)
-    outcomes = [Result(done=3, failures=failures), Result(note="| claim |")]
-    monkeypatch.setattr(
-        verify,
-        "verify_results",
-        lambda request: asked.append(request) or iter_of(outcomes),
-    )
+
+    def verify_results(request):
+        requests.append(request)
+        yield Result(done=3, failures=failures)
+        yield Result(note="| claim |")
+
+    monkeypatch.setattr(verify, "verify_results", verify_results)
     told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
-    assert asked == [
-        verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))
-    ]
+    (request,) = requests
+    landmarks = (Path("views.h5"),)
+    assert request == verify.Request(Path("result.h5"), Path("dict.h5"), landmarks)
     assert told.code == 1
     assert told.out == "| claim |\n"
     assert told.err == "Failed: a: the objective is P: off by 1\n"
 
 
-def iter_of(outcomes):
-    yield from outcomes
+@pytest.fixture
+def written_page(fake_pipeline, folder):
+    """The page that `view` writes."""
+    page = folder / "page.html"
+    fake_pipeline(PIPELINES["view"], [Result(done=3, written=(page,))])
+    return page
 
 
-def test_a_page_is_opened_where_that_is_wished(
-    shapefit, fake_pipeline, folder, monkeypatch
-):
-    fake_pipeline(PIPELINES["view"], [Result(done=3, written=(folder / "page.html",))])
-    opened = []
-    monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that a browser is asked to open."""
+    addresses = []
+
+    def open_address(address):
+        addresses.append(address)
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", open_address)
+    return addresses
+
+
+def test_a_page_is_opened_where_that_is_wished(shapefit, written_page, opened):
+    shapefit("view", "result.h5", "--open")
+    assert opened == [written_page.as_uri()]
+
+
+def test_a_page_is_not_opened_by_itself(shapefit, written_page, opened):
     shapefit("view", "result.h5")
     assert opened == []
-    shapefit("view", "result.h5", "--open")
-    assert opened == [(folder / "page.html").as_uri()]
-    monkeypatch.setattr(webbrowser, "open", lambda url: False)
-    assert "No browser was found; open" in shapefit("view", "result.h5", "--open").err
 
 
-def test_progress_is_a_line_now_and_then_without_a_terminal(
-    shapefit, fake_pipeline, monkeypatch
-):
-    clock = count(0, 25)  # seconds: a line after every third look at the clock
-    monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
-    fake_pipeline(PIPELINES["fit"], [Result(done=10, total=90, note="gap 1e-5")] * 9)
-    lines = [
-        line
-        for line in shapefit(*FIT.split()).err.splitlines()
-        if "/90 images, " in line
-    ]
-    assert 2 <= len(lines) <= 4
-    assert lines[0].startswith("fit: ")
+def test_without_a_browser_the_page_is_named(shapefit, written_page, monkeypatch):
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+    told = shapefit("view", "result.h5", "--open")
+    assert "No browser was found; open" in told.err
 
 
 @pytest.mark.parametrize("command", CONFIGS)
-def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
-    told = shapefit("config", command)
-    listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
-    assert listed == {row.name for row in rows(CONFIGS[command])}
+def test_every_key_is_listed(shapefit, command):
+    told = shapefit("config", command).out
+    names = {line.split(":")[0] for line in told.splitlines() if line[0] != " "}
+    assert names == {row.name for row in rows(CONFIGS[command])}
+
+
+@pytest.mark.parametrize("command", CONFIGS)
+def test_every_key_is_printed_without_inputs(shapefit, command):
     told = shapefit(command, "--print-config")
+    keys = {line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"}
     assert told.code == 0
     assert told.err == ""
-    printed = {
-        line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
-    }
-    assert printed == {way[0] for way in list_config_keys(CONFIGS[command])}
+    assert keys == {path[0] for path in list_config_keys(CONFIGS[command])}
 
 
-def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch):
-    """Those of several processes would wait for one another."""
-    monkeypatch.setattr("sys.argv", ["shapefit", "--version"])
-    monkeypatch.setattr("gc.disable", lambda: None)
-    monkeypatch.setattr(
-        "signal.getsignal", lambda _number: signal.SIG_IGN
-    )  # so they stay
-    for stated, used in (("", "1"), ("3", "3")):
-        monkeypatch.setattr(
-            "os.environ", {"OPENBLAS_NUM_THREADS": stated} if stated else {}
-        )
+@pytest.fixture
+def ask_for_the_version(monkeypatch):
+    """Run the program with these variables; handlers of signals stay as they are."""
+
+    def run(variables):
+        monkeypatch.setattr("sys.argv", ["shapefit", "--version"])
+        monkeypatch.setattr("gc.disable", lambda: None)
+        monkeypatch.setattr("signal.getsignal", lambda _number: signal.SIG_IGN)
+        monkeypatch.setattr("os.environ", variables)
         with pytest.raises(SystemExit) as ended:
             main.main()
         assert ended.value.code == 0
-        assert os.environ["OPENBLAS_NUM_THREADS"] == used
+
+    return run
 
 
-def test_what_a_terminal_would_obey_is_shown_as_an_escape():
-    for text, shown in (
-        ("plain text, mañana", "plain text, mañana"),
-        ("x\x1b[31mRED\nfit: wrote all", "x\\x1b[31mRED\\nfit: wrote all"),
-        ("caf\udce9", "caf\\xe9"),
-        ("half \ud800", "half \\ud800"),
-        ("right\u202eleft", "right\\u202eleft"),
-    ):
-        assert printable(text) == shown
-    assert path_text(os.fsdecode(b"a/caf\xe9")) == "a/caf\\xe9"
-    assert path_text("a/café") == "a/café"
-
-
-def test_the_numbers_of_a_command_are_those_of_the_page(shapefit, fake_pipeline):
-    camera = CameraNumbers(perspective=True, focal=1100.0)
-    found = Numbers(trusted=2, largest_gap=1e-7, camera=camera)
-    failed = (Failure("a", "hidden"),)
-    fake_pipeline(
-        PIPELINES["fit"], [Result(done=3, failures=failed), Result(numbers=found)]
-    )
-    told = json.loads(shapefit(*FIT.split(), "--json").out)
-    numbers = told["numbers"]
-    assert numbers["images"] == 3
-    assert numbers["failed"] == 1
-    assert numbers["trusted"] == 2
-    assert numbers["largest_gap"] == 1e-7
-    assert numbers["camera"] == {
-        "perspective": True,
-        "focal": 1100.0,
-        "principal_point": None,
-    }
-    page = (Path(__file__).parents[2] / "docs/shell.md").read_text()
-    _, of_all, of_numbers, *_ = page.split("| key | value |")
-    for table, keys in ((of_all, told), (of_numbers, numbers)):
-        rows = [line.split("|")[1] for line in table.splitlines() if line[:3] == "| `"]
-        assert set(re.findall(r"`([a-z_]+)`", " ".join(rows))) == set(keys)
-
-
-def test_a_command_without_numbers_has_the_same_keys(shapefit, fake_pipeline):
-    fake_pipeline(PIPELINES["view"], [Result(done=3)])
-    numbers = json.loads(shapefit("view", "result.h5", "--json").out)["numbers"]
-    assert set(numbers) == {*Numbers._fields, "failed"}
-    assert numbers["images"] is None
-    assert numbers["failed"] == 0
-    assert numbers["trusted"] is None
-
-
-@pytest.mark.parametrize(("columns", "is_bar"), [(80, True), (0, False)])
-def test_a_bar_needs_columns(monkeypatch, columns, is_bar):
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("sys.stderr.fileno", lambda: 2)
-    size = os.terminal_size((columns, 24))
-    monkeypatch.setattr("os.get_terminal_size", lambda _stream: size)
-    assert has_columns() == is_bar
+@pytest.mark.parametrize(
+    ("variables", "used"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")]
+)
+def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(
+    ask_for_the_version, variables, used
+):
+    """Those of several processes would wait for one another."""
+    ask_for_the_version(dict(variables))
+    assert os.environ["OPENBLAS_NUM_THREADS"] == used
