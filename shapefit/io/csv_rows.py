@@ -9,12 +9,10 @@ import numpy as np
 
 from shapefit import core
 from shapefit.arrays import Floats, Indices
+from shapefit.io.csv_cells import WORD_BYTES
 
 NUMBER_CHARACTERS = 26
 """Bytes of a number with the comma behind it, at most."""
-
-WORD_BYTES = 8
-"""Texts go to the core as words of this size."""
 
 QUOTED = re.compile(r'[,"\r\n]')
 """What a cell has in quotes alone."""

@@ -284,7 +284,7 @@ def _create_dataset(
         file.id,
         name.encode(),
         h5py.h5t.py_create(values.dtype, logical=True),
-        _space(values.shape, limits),
+        _dataspace(values.shape, limits),
         _storage(chunks),
         _path(),
     )
@@ -320,11 +320,11 @@ def _set_attribute(node: h5py.HLObject, name: str, value: object) -> None:
         return
     stored = np.asarray(value, h5py.string_dtype() if isinstance(value, str) else None)
     kind = h5py.h5t.py_create(stored.dtype, logical=True)
-    space = _space(stored.shape, stored.shape)
+    space = _dataspace(stored.shape, stored.shape)
     h5py.h5a.create(node.id, name.encode(), kind, space).write(stored)
 
 
-def _space(shape: tuple[int, ...], limits: tuple[int, ...]) -> h5py.h5s.SpaceID:
+def _dataspace(shape: tuple[int, ...], limits: tuple[int, ...]) -> h5py.h5s.SpaceID:
     """Return HDF5's description of a shape, and of how far it can grow."""
     if not shape:
         return h5py.h5s.create(h5py.h5s.SCALAR)

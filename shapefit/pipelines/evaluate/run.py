@@ -104,7 +104,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         yield Result(total=sum(source.count for source in sources.values()))
         for name, opened in sources.items():
             file = config.results[name][0]
-            results = with_shapes_of(read_results(opened), truth.landmark_names)
+            results = with_shapes_of(read_whole(opened), truth.landmark_names)
             matched = match_results(file, results, truth, config)
             measured = measure_matched(file, matched, truth, config)
             if draws and not methods:
@@ -215,7 +215,7 @@ def open_method(files: Sequence[Path]) -> ResultSource | ShapeSource:
     return open_results(files, SKIPPED_COLUMNS)
 
 
-def read_results(source: ResultSource | ShapeSource) -> Fit:
+def read_whole(source: ResultSource | ShapeSource) -> Fit:
     """Read all of a source, shapes as results that say nothing else."""
     record = source.whole()
     return record if isinstance(record, Fit) else Fit.of_shapes(record)
