@@ -2,7 +2,10 @@
 parts.
 """
 
+import hashlib
 import json
+import os
+import shutil
 
 import h5py
 import numpy as np
@@ -14,12 +17,16 @@ from shapefit.errors import InputError
 from shapefit.io import read_dictionary
 from shapefit.pipelines.partition.run import fit_parts
 from shapefit.records import Landmarks
+from tests.columns import in_rows
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
 PERSPECTIVE = {"focal": "files"}
-ALL, NONE = True, False
+
+# How many of its frames a run certifies.
+ALL = True
+NONE = False
 
 KEYS = [
     *(("people", term, ALL) for term in TERMS.values()),
@@ -63,14 +70,15 @@ def test_an_honest_result_is_accepted(
 ):
     result = fitted(kind, **keys)
     with h5py.File(result) as file:
-        n = len(file["item"])
+        count = len(file["item"])
     for given in ([landmarks[kind]], []):
         found = verify(result, dictionaries[kind], given)
+        has_gap = found.data["largest_gap"] > 0
         assert found.failures == {}
-        assert found.done == n
-        assert found.data["certified"] == (n if certified else 0)
-        assert found.data["sealed"] == n
-        assert (found.data["largest_gap"] > 0) == certified or "lam" in keys
+        assert found.done == count
+        assert found.data["certified"] == (count if certified else 0)
+        assert found.data["sealed"] == count
+        assert has_gap == certified or "lam" in keys
 
 
 @pytest.fixture(scope="session")
@@ -79,33 +87,45 @@ def tables(landmarks, tmp_path_factory):
     HDF5.
     """
     folder = tmp_path_factory.mktemp("tables")
+    table = folder / "people.csv"
+    other = folder / "people.h5"
     images = load(landmarks["people"])
     header, *lines = landmarks["people"].read_text().splitlines()
-    first = tuple(f"{item}," for item in images.items[:5])
-    rows = [
-        f"{line},{'first' if line.startswith(first) else 'second'}" for line in lines
-    ]
-    (folder / "people.csv").write_text("\n".join([f"{header},sequence", *rows]) + "\n")
-    named = {"sequences": ["a"] * 5 + ["b"] * (len(images) - 5)}
-    save(
-        folder / "people.h5",
-        images.replaced(items=[f"b{i}" for i in images.items], **named),
-    )
-    return {
-        "csv": [folder / "people.csv", folder / "people.h5"],
-        "hdf5": [folder / "people.h5"],
-    }
+    of_first = tuple(f"{item}," for item in images.items[:5])
+    rows = [f"{header},sequence"]
+    for line in lines:
+        sequence = "first" if line.startswith(of_first) else "second"
+        rows.append(f"{line},{sequence}")
+    table.write_text("\n".join([*rows, ""]))
+    sequences = ["a"] * 5 + ["b"] * (len(images) - 5)
+    items = [f"b{item}" for item in images.items]
+    save(other, images.replaced(items=items, sequences=sequences))
+    return {"csv": [table, other], "hdf5": [other]}
 
 
 @pytest.fixture(scope="session")
 def persons(landmarks, tmp_path_factory):
     """A detector's folder a camera, of the same names."""
     folder = tmp_path_factory.mktemp("cameras")
+    files = sorted(landmarks["walk"].iterdir())
     for camera, frames in (("cam01", slice(0, 8)), ("cam02", slice(8, 20))):
         (folder / camera).mkdir()
-        for file in sorted(landmarks["walk"].iterdir())[frames]:
-            (folder / camera / file.name).write_bytes(file.read_bytes())
+        for file in files[frames]:
+            shutil.copy(file, folder / camera / file.name)
     return [folder / "cam01", folder / "cam02"]
+
+
+@pytest.fixture
+def dictionary_of(world, dictionaries):
+    """Return the dictionary that a method takes."""
+
+    def find(method):
+        if method == "pmp":
+            return world.dictionary("bases of people")
+        needs_prior = method in ("posterior", "sequences")
+        return dictionaries["prior" if needs_prior else "people"]
+
+    return find
 
 
 METHODS = [
@@ -127,83 +147,84 @@ parts.
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("form", "parts"), FORMS)
 def test_every_kind_of_file_is_accepted(
-    verify, world, dictionaries, tables, persons, tmp_path, form, parts, method
+    verify, dictionary_of, tables, persons, tmp_path, form, parts, method
 ):
     files = persons if form == "folder" else tables[form]
-    files = files if parts else files[:1]
-    keys = {"frame_rate": 24} if method == "sequences" else {}
-    keys |= {"keypoints": "body_25"} if form == "folder" else {}
-    dictionary = dictionaries[
-        "prior" if method in ("posterior", "sequences") else "people"
-    ]
-    if method == "pmp":
-        dictionary = world.dictionary("bases of people")
-    output = (
-        ResultFolder(tmp_path / "out", partition=4)
-        if parts
-        else str(tmp_path / "out.h5")
-    )
-    config = FitConfig(
-        landmarks=[str(file) for file in files],
-        dictionary=str(dictionary),
-        output=output,
-        method=method,
-        **keys,
-    )
+    dictionary = dictionary_of(method)
+    keys = {"method": method}
+    if method == "sequences":
+        keys["frame_rate"] = 24
+    if form == "folder":
+        keys["keypoints"] = "body_25"
     if parts:
+        written = tmp_path / "out"
+        config = FitConfig(
+            landmarks=[str(file) for file in files],
+            dictionary=str(dictionary),
+            output=ResultFolder(written, partition=4),
+            **keys,
+        )
         list(fit_parts(config))
     else:
-        fit_file(files[0], dictionary, tmp_path / "out.h5", method=method, **keys)
+        written = tmp_path / "out.h5"
+        fit_file(files[0], dictionary, written, **keys)
     for given in ([], files, files[::-1]):
-        found = verify(tmp_path / ("out" if parts else "out.h5"), dictionary, given)
-        assert found.failures == {}
-        assert found.done == found.data["images"] == found.data["sealed"] > 10
-        assert (found.data["certified"] > 0) == (method in ("convex", "convex+refine"))
+        check_accepted(verify(written, dictionary, given), method)
 
 
-def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
-    """Far from the origin, tiny, huge, with strange confidences, hidden or on one
-    point.
+def check_accepted(found, method):
+    has_proof = method in ("convex", "convex+refine")
+    assert found.failures == {}
+    assert found.done > 10
+    assert found.data["images"] == found.done
+    assert found.data["sealed"] == found.done
+    assert (found.data["certified"] > 0) == has_proof
+
+
+@pytest.fixture
+def hard_images(dictionaries, rng):
+    """Images far from the origin, tiny, huge, with strange confidences, hidden or on
+    one point.
     """
     dictionary = read_dictionary(dictionaries["people"])
     atoms = dictionary.atoms
-    p = atoms.shape[2]
-    shapes = np.einsum("nk,kap->nap", rng.random((12, len(atoms))), atoms)[:, :2]
-    landmarks = shapes + 0.05 * rng.standard_normal(shapes.shape)
+    coefficients = rng.random((12, len(atoms)))
+    shapes = in_rows(np.einsum("nk,kap->nap", coefficients, atoms))
+    landmarks = shapes[..., :2] + 0.05 * rng.standard_normal((*shapes.shape[:2], 2))
     landmarks[1] += 1e7
     landmarks[2] *= 1e-100
     landmarks[3] *= 1e100
     landmarks[4] = 5.0
-    landmarks[5, :, 2:] = np.nan
-    landmarks[6, :, :6] = np.nan
-    confidence = rng.uniform(0, 1.5, (12, p))
+    landmarks[5, 2:] = np.nan
+    landmarks[6, :6] = np.nan
+    confidence = rng.uniform(0, 1.5, shapes.shape[:2])
     confidence[7] *= 1e4
     confidence[8] *= 1e-4
     confidence[9, ::2] = 0
-    images = Landmarks(
-        landmarks.swapaxes(1, 2),
+    return Landmarks(
+        landmarks,
         confidence=confidence,
         landmark_names=dictionary.landmark_names,
         items=tuple(f"image{i}" for i in range(12)),
     )
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
+def test_hard_images_are_accepted(tmp_path, verify, dictionaries, hard_images, term):
     path = tmp_path / "landmarks.h5"
-    save(path, images)
-    for loss, term in TERMS.items():
-        output = tmp_path / f"{loss}.h5"
-        fit_file(path, dictionaries["people"], output, **term)
-        for given in ([path], []):
-            found = verify(output, dictionaries["people"], given)
-            assert found.failures == {}
-            assert "No shape   2 of 12 images" in found.note
+    output = tmp_path / "result.h5"
+    save(path, hard_images)
+    fit_file(path, dictionaries["people"], output, **term)
+    for given in ([path], []):
+        found = verify(output, dictionaries["people"], given)
+        assert found.failures == {}
+        assert "No shape   2 of 12 images" in found.note
 
 
 def test_nothing_that_a_result_names_is_opened(
     fitted, changed, verify, dictionaries, tmp_path
 ):
     """A calibration that never ends, landmarks and a dictionary that are not there."""
-    import hashlib
-    import os
-
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
 
@@ -211,25 +232,25 @@ def test_nothing_that_a_result_names_is_opened(
         config = json.loads(file.attrs["config"])
         config["camera"] |= {"calibration": str(pipe)}
         config["landmarks"] = [str(pipe)]
-        file.attrs["config"] = json.dumps(config)
-        file.attrs["config_digest"] = hashlib.sha256(
-            file.attrs["config"].encode()
-        ).hexdigest()
+        text = json.dumps(config)
+        file.attrs["config"] = text
+        file.attrs["config_digest"] = hashlib.sha256(text.encode()).hexdigest()
 
-    found = verify(changed(fitted("people"), name_it), dictionaries["people"])
+    result = changed(fitted("people"), name_it)
+    found = verify(result, dictionaries["people"])
     assert list(found.failures) == [str(pipe)]  # which has no digest
 
 
-def test_csv_cannot_be_verified_and_chunks_do_not_matter(
-    tmp_path, fitted, verify, dictionaries, monkeypatch
-):
+def test_csv_cannot_be_verified(tmp_path, verify, dictionaries):
     path = tmp_path / "shapes.csv"
     path.write_text("item,landmark,x,y,z\na,b,0,0,0\n")
     with pytest.raises(InputError, match="give a result that `shapefit fit` wrote"):
         verify(path, dictionaries["people"])
+
+
+def test_batches_do_not_matter(fitted, verify, dictionaries, monkeypatch):
     monkeypatch.setattr("shapefit.pipelines.verify.IMAGES_CHECKED_AT_ONCE", 16)
-    found = verify(
-        fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"]
-    )
+    result = fitted("cars", lam=1.0, leave_one_out="true_model")
+    found = verify(result, dictionaries["cars"])
     assert found.failures == {}
     assert found.done == 108

@@ -12,6 +12,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
+from shapefit.io import read_results, result_writer
 from shapefit.pipelines.partition.run import fit_parts
 from tests.pipelines.verify.conftest import TERMS
 
@@ -40,27 +41,57 @@ def entry(name, other, row=IMAGE):
 
 def everywhere(name, other):
     """Return the lie that a dataset is `other` of what it is."""
-    return lambda file: file[name].__setitem__((), other(file[name][()]))
+
+    def lie(file):
+        file[name][()] = other(file[name][()])
+
+    return lie
 
 
 def gone(*names):
-    return lambda file: [file.__delitem__(name) for name in names]
+    """Return the lie that datasets are not there."""
+
+    def lie(file):
+        for name in names:
+            del file[name]
+
+    return lie
 
 
 def states(**values):
-    return lambda file: file.attrs.update(values)
+    """Return the lie that attributes have other values."""
+
+    def lie(file):
+        file.attrs.update(values)
+
+    return lie
 
 
 def in_config(**values):
     """Return the lie that the config has other keys, with a digest that fits."""
 
     def lie(file):
-        file.attrs["config"] = json.dumps(json.loads(file.attrs["config"]) | values)
-        file.attrs["config_digest"] = hashlib.sha256(
-            file.attrs["config"].encode()
-        ).hexdigest()
+        config = json.loads(file.attrs["config"])
+        text = json.dumps(config | values)
+        file.attrs["config"] = text
+        file.attrs["config_digest"] = hashlib.sha256(text.encode()).hexdigest()
 
     return lie
+
+
+def without_inputs(file):
+    del file.attrs["inputs"]
+
+
+@pytest.fixture
+def changed_case(fitted, changed):
+    """Return a result of a case with a lie in it."""
+
+    def change(case, lie):
+        kind, keys = CASES[case]
+        return changed(fitted(kind, **keys), lie)
+
+    return change
 
 
 def withhold_shape(file):
@@ -99,7 +130,7 @@ LIES = {
     "verdict gone": ("posterior", gone("trusted")),
     "reasons gone": ("posterior", gone("reasons")),
     "dual gone": ("squared", gone("dual")),
-    "inputs gone": ("squared", lambda file: file.attrs.__delitem__("inputs")),
+    "inputs gone": ("squared", without_inputs),
     "inputs without digests": ("squared", states(inputs="{}")),
     "config of another digest": ("squared", states(config_digest="0" * 64)),
 }
@@ -107,52 +138,72 @@ LIES = {
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_a_lie_is_found(fitted, changed, verify, dictionaries, landmarks, name):
+def test_a_lie_is_found(changed_case, verify, dictionaries, landmarks, name):
     case, lie = LIES[name]
-    kind, keys = CASES[case]
-    found = verify(
-        changed(fitted(kind, **keys), lie), dictionaries[kind], [landmarks[kind]]
-    )
+    kind, _ = CASES[case]
+    result = changed_case(case, lie)
+    found = verify(result, dictionaries[kind], [landmarks[kind]])
+    nothing_false = f"False      0 of {found.done} images"
     assert found.failures
     assert found.data["false"] + found.data["files"] == len(found.failures)
-    assert found.note.splitlines()[-1] != f"False      0 of {found.done} images"
+    assert found.note.splitlines()[-1] != nothing_false
 
 
-def test_the_atoms_of_a_left_out_item_are_not_used(
-    fitted, changed, verify, dictionaries
-):
+def test_the_atoms_of_a_left_out_item_are_not_used(changed_case, verify, dictionaries):
+    with h5py.File(dictionaries["cars"]) as file:
+        names = file["atom_item"].asstr()[()].tolist()
+
     def use(file):
-        with h5py.File(dictionaries["cars"]) as own:
-            names = own["atom_item"].asstr()[()].tolist()
+        omitted = file["omitted"].asstr()[IMAGE]
         row = int(file["transform_count"][:IMAGE].sum())
-        file["transform_atom"][row] = names.index(file["omitted"].asstr()[IMAGE])
+        file["transform_atom"][row] = names.index(omitted)
 
-    for lie in (use, everywhere("omitted", np.zeros_like)):
-        kind, keys = CASES["left out"]
-        assert verify(changed(fitted(kind, **keys), lie), dictionaries[kind]).failures
+    result = changed_case("left out", use)
+    assert verify(result, dictionaries["cars"]).failures
+
+
+def test_what_was_left_out_is_compared(changed_case, verify, dictionaries):
+    result = changed_case("left out", everywhere("omitted", np.zeros_like))
+    assert verify(result, dictionaries["cars"]).failures
 
 
 def test_another_dictionary_is_found(fitted, verify, dictionaries):
-    found = verify(fitted("people"), dictionaries["other people"])
-    assert "the digests differ" in found.failures[str(dictionaries["other people"])]
+    other = dictionaries["other people"]
+    found = verify(fitted("people"), other)
+    assert "the digests differ" in found.failures[str(other)]
     assert found.data["false"] == found.done
+
+
+def test_the_dictionary_of_another_class_is_refused(fitted, verify, dictionaries):
     with pytest.raises(InputError, match="landmark"):
         verify(fitted("people"), dictionaries["cars"])
 
 
-def test_other_landmarks_are_found(fitted, verify, dictionaries, landmarks, tmp_path):
-    lines = landmarks["people"].read_text().splitlines()
-    cells = lines[1].split(",")
-    lines[1] = ",".join([*cells[:2], str(float(cells[2]) + 0.1), *cells[3:]])
-    other = tmp_path / "views.csv"
-    other.write_text("\n".join(lines) + "\n")
-    found = verify(fitted("people"), dictionaries["people"], [other])
-    assert set(found.failures) == {str(other), cells[0]}
-    # The file of the fit is known by its digest, whatever its name.
+@pytest.fixture
+def other_landmarks(landmarks, tmp_path):
+    """The landmarks of people, of which one has another x; and its item."""
+    path = tmp_path / "views.csv"
+    header, first, *rows = landmarks["people"].read_text().splitlines()
+    item, name, x, *others = first.split(",")
+    changed = ",".join([item, name, str(float(x) + 0.1), *others])
+    path.write_text("\n".join([header, changed, *rows, ""]))
+    return path, item
+
+
+def test_other_landmarks_are_found(fitted, verify, dictionaries, other_landmarks):
+    path, item = other_landmarks
+    found = verify(fitted("people"), dictionaries["people"], [path])
+    assert set(found.failures) == {str(path), item}
+
+
+def test_the_file_of_the_fit_is_known_by_its_digest(
+    fitted, verify, dictionaries, landmarks, other_landmarks, tmp_path
+):
+    """Whatever its name."""
+    other, _ = other_landmarks
     same = shutil.copy(landmarks["people"], tmp_path / "renamed.csv")
-    assert (
-        verify(fitted("people"), dictionaries["people"], [other, same]).failures == {}
-    )
+    found = verify(fitted("people"), dictionaries["people"], [other, same])
+    assert found.failures == {}
 
 
 WRONG = [
@@ -174,20 +225,17 @@ def test_what_is_no_result_of_a_fit_is_refused(
     fitted, changed, verify, dictionaries, landmarks, lie
 ):
     """With exit code 2, and not as an internal error."""
+    result = changed(fitted("people"), lie)
     with pytest.raises(InputError):
-        verify(
-            changed(fitted("people"), lie),
-            dictionaries["people"],
-            [landmarks["people"]],
-        )
+        verify(result, dictionaries["people"], [landmarks["people"]])
 
 
 def test_no_images_are_a_failure(fitted, verify, dictionaries, tmp_path):
-    from shapefit.io import read_results, result_writer
-
-    with result_writer(tmp_path / "none.h5") as writer:
-        writer.append(read_results(fitted("people"), proofs=True).take(slice(0)))
-    found = verify(tmp_path / "none.h5", dictionaries["people"])
+    path = tmp_path / "none.h5"
+    result = read_results(fitted("people"), proofs=True)
+    with result_writer(path) as writer:
+        writer.append(result.take(slice(0)))
+    found = verify(path, dictionaries["people"])
     assert "holds no image" in "".join(found.failures.values())
     assert found.note == "No image was checked."
 
@@ -212,10 +260,11 @@ def folder(honest, tmp_path):
 
 
 def edit(folder, change):
+    """Change the lines of the manifest about parts."""
     path = folder / "manifest.jsonl"
     run, *parts = map(json.loads, path.read_text().splitlines())
-    lines = [run, *change(parts)]
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    lines = [json.dumps(line) for line in [run, *change(parts)]]
+    path.write_text("\n".join([*lines, ""]))
 
 
 def exchange(folder):
@@ -239,12 +288,12 @@ def no_parts(folder):
 
 
 def shift_rows(folder):
-    edit(
-        folder,
-        lambda parts: [
-            part | {"rows": [r + 1 for r in part["rows"]]} for part in parts
-        ],
-    )
+    def shift(parts):
+        for part in parts:
+            start, stop = part["rows"]
+            yield part | {"rows": [start + 1, stop + 1]}
+
+    edit(folder, shift)
 
 
 def replace_by_a_pipe(folder):
@@ -282,12 +331,13 @@ def test_other_landmarks_of_a_divided_file_are_found(
     """Parts of one file are compared with their rows of it, each."""
     other = folder.parent / landmarks["cars"].name
     shutil.copy(landmarks["cars"], other)
-    assert verify(folder, dictionaries["cars"], [other]).failures == {}
+    honest = verify(folder, dictionaries["cars"], [other])
     with h5py.File(other, "r+") as file:
         rows = [3, 100]
         names = file["item"].asstr()[rows].tolist()
         file["landmarks"][rows] += 1.0
     found = verify(folder, dictionaries["cars"], [other])
+    assert honest.failures == {}
     assert set(names) <= set(found.failures)
     assert found.data["false"] == 2
 
@@ -298,16 +348,21 @@ def damage(part):
     part.write_bytes(data)
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(("number", "left"), [(0, 44), (1, 64)])
 def test_a_damaged_part_is_named_and_the_others_are_checked(
-    folder, verify, dictionaries, number
+    folder, verify, dictionaries, number, left
 ):
-    damage(folder / f"part-0000{number}.h5")
+    part = folder / f"part-0000{number}.h5"
+    damage(part)
     found = verify(folder, dictionaries["cars"])
-    assert found.done == [44, 64][number]
-    assert "cannot be read" in found.failures[str(folder / f"part-0000{number}.h5")]
-    assert f"Certified  {found.done} of 108 images" in found.note
-    damage(folder / f"part-0000{1 - number}.h5")
+    assert found.done == left
+    assert "cannot be read" in found.failures[str(part)]
+    assert f"Certified  {left} of 108 images" in found.note
+
+
+def test_a_folder_of_damaged_parts_is_refused(folder, verify, dictionaries):
+    for part in folder.glob("part-*"):
+        damage(part)
     with pytest.raises(InputError):
         verify(folder, dictionaries["cars"])
 
