@@ -31,7 +31,7 @@ BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
 """What the calibration of a report judges beside the errors."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors of n images, and their sums.
 

@@ -15,7 +15,7 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.errors import counted
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Optimum:
     """The optimum of the convex program; without the axis n for a single image.
 

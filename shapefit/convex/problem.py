@@ -45,7 +45,7 @@ class ProblemArrays(TypedDict):
     lam: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """The convex program of n images, one for each.
 

@@ -21,7 +21,7 @@ OVERRELAXATION = 0.5
 """How far beyond its end the atom update is followed, in lengths of the update."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Learned:
     """Atoms and coefficients after a round of dictionary learning.
 

@@ -34,7 +34,7 @@ between the groups.
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dictionary:
     """k atoms B_i, each a centred (3, p) shape on the scale of normalised shapes.
 

@@ -43,7 +43,7 @@ MAX_REFINEMENT_ROUNDS = 1000
 """Of an image."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RefinedViews:
     """What refinement under perspective finds of n images: stationary points.
 

@@ -99,7 +99,7 @@ SIZE_WEIGHT = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClassState:
     """What is learned of the images and their class of shapes after a round.
 

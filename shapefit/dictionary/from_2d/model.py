@@ -62,7 +62,7 @@ MIN_REST = 1e-9
 """Variance of a coordinate beside the modes at least."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Images:
     """n images of landmarks.
 
@@ -97,7 +97,7 @@ class Images:
         return Images(self.landmarks, weights, self.sequence)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Views:
     """Where each image is seen from: rotation R (n, 3, 3) and log_scale log s (n,)."""
 
@@ -108,7 +108,7 @@ class Views:
         return Views(self.rotation[rows], self.log_scale[rows])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gaussian:
     """The model of shapes and of what is seen of them.
 
@@ -131,7 +131,7 @@ class Gaussian:
         return C
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Expected:
     """What a model expects of n images.
 

@@ -46,7 +46,7 @@ CORRECT = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedCamera:
     """matrix (3, 3) and size (2,) in pixels; distortion (8,) as `geometry.pinhole` has
     it.

@@ -28,7 +28,7 @@ from shapefit.io.readers.text import floats, read_table, read_text
 Channel = tuple[bool, int]  # whether it turns, and the axis
 
 
-@dataclass
+@dataclass(eq=False)
 class Joint:
     """A joint, or the end of a bone, which turns in the frame axes (3, 3), its last
     channel first.

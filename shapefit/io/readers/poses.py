@@ -29,7 +29,7 @@ Edges = tuple[tuple[int, int], ...]
 PER_POSE = ("points", "confidence", "frame", "time", "label", "individual", "video")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Poses:
     """N poses of p landmarks in d dimensions, each of one individual in one frame.
 

@@ -95,7 +95,7 @@ MAX_MISSING_PER_FRAME = 1000
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FileMotion:
     """Every frame of a sequence, from the number `first` on, missing ones too.
 

@@ -76,7 +76,7 @@ GAUSSIAN_MEDIAN = 0.6745
 """Median of |x| of a Gaussian, in standard deviations."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyMotion:
     """How bodies move and are built, in units of the size of their landmarks.
 
@@ -94,7 +94,7 @@ class BodyMotion:
     of_half_body: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Clips:
     """n images, sequence after sequence, in the unit of the landmarks.
 

@@ -118,7 +118,7 @@ class Lengths(NamedTuple):
     precision: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SequenceModel:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
@@ -134,7 +134,7 @@ class SequenceModel:
     timeline: Timeline | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observations:
     """What single images say of the frames of one sequence.
 
@@ -192,7 +192,7 @@ class Observations:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Smoothed:
     """The inferred frames of a sequence: the minimum of the objective above.
 
