@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import EvalConfig
+from shapefit.evaluation import metrics
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate.run import evaluate_results as run
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Shapes
+from shapefit.records.columns import in_columns
 from tests.columns import in_rows
 from tests.io.files import save
 
@@ -53,6 +55,20 @@ def results(truth, rng):
         landmarks=turned[..., :2],
         extras={"true_rotation": R},
     )
+
+
+@pytest.fixture
+def errors(results, truth):
+    """Metric -> the errors of the images, in the unit of the truth or of the images."""
+    shapes = results.as_columns()
+    true = truth.as_columns()
+    observed = in_columns(results.column("landmarks"))
+    fitted = in_columns(results.landmarks_fitted)
+    return {
+        "similarity": metrics.similarity(shapes, true),
+        "camera": metrics.camera(shapes, true, results.column("true_rotation")),
+        "reprojection": metrics.reprojection(fitted, observed),
+    }
 
 
 @pytest.fixture
