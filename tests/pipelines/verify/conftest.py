@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import h5py
 import pytest
 
+from shapefit.errors import InputError
 from shapefit.io.contents import digest_contents
 from shapefit.io.layout import CONTENTS
 from shapefit.pipelines.verify import Request
@@ -81,3 +82,10 @@ def verify():
     `data`.
     """
     return verify_file
+
+
+def is_accepted(verify, *given):
+    try:
+        return not verify(*given).failures
+    except InputError:
+        return False

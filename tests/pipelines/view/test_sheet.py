@@ -2,8 +2,12 @@
 was given.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from matplotlib.image import imread
+from PIL import Image
 
 from shapefit.config import CONFIGS, ViewConfig
 from shapefit.errors import InputError
@@ -21,119 +25,168 @@ def sheet(output, *results, **keys):
     return outcome
 
 
-def test_images_spread_over_the_result_are_drawn(tmp_path, world, monkeypatch):
-    from matplotlib.image import imread
+@pytest.fixture(scope="module")
+def cars(world):
+    """A result of cars, whose dictionary has a mesh."""
+    return world.fit("cars", method="convex+refine")
 
-    monkeypatch.setattr(
-        viewing, "MAX_SHEET_IMAGES", 8
-    )  # each takes a tenth of a second
-    result = world.fit("cars", method="convex+refine")
-    outcome = sheet(
-        tmp_path / "s.png", result, dictionary=str(world.dictionary("cars"))
-    )
+
+@pytest.fixture
+def eight_images(monkeypatch):
+    """Fewer images on a sheet: each takes a tenth of a second."""
+    monkeypatch.setattr(viewing, "MAX_SHEET_IMAGES", 8)
+
+
+@pytest.mark.usefixtures("eight_images")
+def test_images_spread_over_the_result_are_drawn(tmp_path, world, cars):
+    path = tmp_path / "s.png"
+    outcome = sheet(path, cars, dictionary=str(world.dictionary("cars")))
+    _, width, _ = imread(path).shape
     assert outcome.done == 8
-    assert outcome.written == (tmp_path / "s.png",)
-    assert imread(tmp_path / "s.png").shape[1] > 1000
-    outcome = sheet(tmp_path / "s.svg", result, items=["sedan_1/*", "lorry*"])
+    assert outcome.written == (path,)
+    assert width > 1000
+
+
+@pytest.mark.usefixtures("eight_images")
+def test_chosen_items_are_drawn_by_name(tmp_path, cars):
+    path = tmp_path / "s.svg"
+    outcome = sheet(path, cars, items=["sedan_1/*", "lorry*"])
     assert outcome.done == 6
     assert outcome.warnings == ("items: no item has this name or matches 'lorry*'",)
-    text = (tmp_path / "s.svg").read_text(encoding="utf-8")
-    assert "sedan_1/view_2" in text
+    assert "sedan_1/view_2" in path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    "camera", [{}, {"focal": 1600.0, "principal_point": [640.0, 480.0]}]
-)
-def test_the_mesh_lies_under_the_landmarks(world, camera):
-    result = world.fit(
-        "cars", method="convex+refine", **({"camera": camera} if camera else {})
-    )
-    files, path = {"cars": (result,)}, world.dictionary("cars")
+def nearest_vertices(points, vertices):
+    """Return the index of the vertex (3, q) that is nearest to each point (3, p)."""
+    apart = vertices[:, None, :] - points[:, :, None]
+    squares = (apart**2).sum(axis=0)
+    return squares.argmin(axis=1)
+
+
+PERSPECTIVE = {"camera": {"focal": 1600.0, "principal_point": [640.0, 480.0]}}
+
+
+@pytest.mark.parametrize("keys", [{}, PERSPECTIVE])
+def test_the_mesh_lies_under_the_landmarks(world, keys):
+    result = world.fit("cars", method="convex+refine", **keys)
+    path = world.dictionary("cars")
     dictionary = read_dictionary(path)
+    vertices = nearest_vertices(dictionary.atoms[0], dictionary.mesh_vertices[0])
     fit = read_results(result)
-    scene = make_scene(ViewConfig(files=files, dictionary=path))
-    apart = dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]
-    vertex = (apart**2).sum(axis=0).argmin(axis=1)
-    seen = (
-        fit.as_columns()[:, :2]
-        if fit.landmarks_fitted is None
-        else fit.landmarks_fitted.swapaxes(1, 2)
-    )
+    in_images = fit.landmarks_fitted
+    if in_images is None:
+        in_images = fit.shapes[:, :, :2]
+    observed = fit.column("landmarks")
+    scene = make_scene(ViewConfig(files={"cars": (result,)}, dictionary=path))
     for row in range(0, len(fit), 30):
         image = fitted_image(scene, row)
-        np.testing.assert_allclose(image.projected, seen[row], atol=1e-6)
-        np.testing.assert_allclose(image.landmarks, fit.column("landmarks")[row].T)
-        np.testing.assert_allclose(
-            image.projected_mesh[:, vertex], image.projected, atol=1e-3
-        )
-        np.testing.assert_allclose(image.mesh[:, vertex], image.shape, atol=1e-5)
+        of_landmarks = image.mesh[:, vertices]
+        projected = image.projected_mesh[:, vertices]
+        np.testing.assert_allclose(image.projected, in_images[row].T, atol=1e-6)
+        np.testing.assert_allclose(image.landmarks, observed[row].T)
+        np.testing.assert_allclose(projected, image.projected, atol=1e-3)
+        np.testing.assert_allclose(of_landmarks, image.shape, atol=1e-5)
 
 
-def test_a_sheet_shows_one_result(tmp_path, world):
-    result = world.fit("cars", method="convex+refine")
-    save(tmp_path / "other.h5", read_results(result))
-    for files in ((world.shapes("cars"),), (result, tmp_path / "other.h5")):
-        with pytest.raises(InputError, match="a sheet shows one result"):
-            sheet(tmp_path / "s.png", *files)
+def test_a_sheet_of_shapes_is_refused(tmp_path, world):
+    path = tmp_path / "s.png"
+    with pytest.raises(InputError, match="a sheet shows one result"):
+        sheet(path, world.shapes("cars"))
+    assert not path.exists()
+
+
+def test_a_sheet_of_two_results_is_refused(tmp_path, cars):
+    path = tmp_path / "s.png"
+    other = tmp_path / "other.h5"
+    save(other, read_results(cars))
+    with pytest.raises(InputError, match="a sheet shows one result"):
+        sheet(path, cars, other)
+    assert not path.exists()
+
+
+def test_a_sheet_of_no_item_is_refused(tmp_path, cars):
+    path = tmp_path / "s.png"
     with pytest.raises(InputError, match="no item fits"):
-        sheet(tmp_path / "s.png", result, items=["lorry"])
-    assert [path.name for path in tmp_path.iterdir()] == ["other.h5"]
+        sheet(path, cars, items=["lorry"])
+    assert not path.exists()
 
 
-def test_photographs_of_the_rows_alone_are_read(tmp_path, world, monkeypatch):
-    """They lie under the landmarks; what is missing is told."""
-    from PIL import Image
-
-    result = world.fit("cars", method="convex+refine")
-    items = read_results(result).items
+@pytest.fixture
+def photos(tmp_path, cars):
+    """A folder with a photograph of each item."""
     folder = tmp_path / "photos"
-    for item in items:
+    for item in read_results(cars).items:
         path = folder / f"{item}.jpg"
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (64, 48), "grey").save(path)
-    drawn, opened = [], []
+    return folder
+
+
+@pytest.fixture
+def seen(monkeypatch):
+    """The photographs that are opened and the images that are drawn, of which one
+    reaches matplotlib.
+    """
+    record = SimpleNamespace(opened=[], drawn=[])
     draw = viewing.contact_sheet
-    monkeypatch.setattr(
-        viewing,
-        "contact_sheet",
-        lambda images, model: drawn.extend(images) or draw(images[:1], model),
-    )
-    whole = Image.open
-    monkeypatch.setattr(
-        Image, "open", lambda path, **keys: opened.append(path) or whole(path, **keys)
-    )
-    outcome = sheet(tmp_path / "s.png", result, images=str(folder))
-    assert len(opened) == len(drawn) == outcome.done == 24
-    for image, path in zip(drawn, opened, strict=True):
-        assert path == folder / f"{image.title}.jpg"
+    open_image = Image.open
+
+    def contact_sheet(images, model):
+        record.drawn += images
+        return draw(images[:1], model)
+
+    def open_recorded(path, **keys):
+        record.opened.append(path)
+        return open_image(path, **keys)
+
+    monkeypatch.setattr(viewing, "contact_sheet", contact_sheet)
+    monkeypatch.setattr(Image, "open", open_recorded)
+    return record
+
+
+def test_photographs_of_the_drawn_images_alone_are_read(tmp_path, cars, photos, seen):
+    outcome = sheet(tmp_path / "s.png", cars, images=str(photos))
+    assert outcome.done == 24
+    assert seen.opened == [photos / f"{image.title}.jpg" for image in seen.drawn]
+    assert len(seen.drawn) == 24
+    for image in seen.drawn:
         assert image.photograph.pixels.size == (64, 48)
-    (folder / f"{drawn[0].title}.jpg").unlink()
-    outcome = sheet(tmp_path / "s.png", result, images=str(folder))
+
+
+def test_a_missing_photograph_is_told(tmp_path, cars, photos, seen):
+    path = tmp_path / "s.png"
+    sheet(path, cars, images=str(photos))
+    first = seen.drawn[0].title
+    (photos / f"{first}.jpg").unlink()
+    seen.drawn.clear()
+    outcome = sheet(path, cars, images=str(photos))
     assert "1 frame of 24 without a photograph in photos." in outcome.warnings
-    assert drawn[24].photograph is None
+    assert seen.drawn[0].title == first
+    assert seen.drawn[0].photograph is None
 
 
-def test_cars_stand_upright(world):
+def about_the_mean(points):
+    return points - points.mean(axis=1, keepdims=True)
+
+
+def test_cars_stand_upright(world, cars):
     path = world.dictionary("cars")
-    result = world.fit("cars", method="convex+refine")
-    scene = make_scene(ViewConfig(files={"cars": (result,)}, dictionary=path))
-    dictionary = read_dictionary(path)
-    fit = read_results(result)
+    meshes = read_dictionary(path).mesh_vertices
+    coefficients = read_results(cars).coefficients[7]
+    mixed = about_the_mean(np.tensordot(coefficients, meshes, axes=1))
+    scene = make_scene(ViewConfig(files={"cars": (cars,)}, dictionary=path))
     image = fitted_image(scene, 7)
-    upright = image.upright @ image.mesh
-    mixed = np.tensordot(fit.coefficients[7], dictionary.mesh_vertices, axes=1)
-    upright -= upright.mean(axis=1, keepdims=True)
-    mixed -= mixed.mean(axis=1, keepdims=True)
+    upright = about_the_mean(image.upright @ image.mesh)
     scale = np.linalg.norm(upright) / np.linalg.norm(mixed)
     np.testing.assert_allclose(upright, scale * mixed, atol=1e-6 * scale)
     assert image.individual == ("", 0)
 
 
-def test_a_film_is_not_drawn_on_a_sheet(tmp_path, world):
-    result = world.fit("cars", method="convex+refine")
+def test_a_film_is_not_drawn_on_a_sheet(tmp_path, cars):
+    path = tmp_path / "s.png"
     film = tmp_path / "my clip.mp4"
     film.write_bytes(b"")
     line = r"ffmpeg -i '.*my clip.mp4' -fps_mode passthrough frames/%06d.jpg"
     with pytest.raises(InputError, match=line):
-        sheet(tmp_path / "s.png", result, images=str(film))
-    assert not (tmp_path / "s.png").exists()
+        sheet(path, cars, images=str(film))
+    assert not path.exists()
