@@ -115,6 +115,9 @@ def _blocks_of(dataset: h5py.Dataset) -> Iterator[DatasetRows]:
             yield slice(start, min(start + step, count))
 
 
+LENGTH_BYTES = 8
+"""Of the length of a text that is digested."""
+
 OTHER = "other"
 """Kind of values that are neither numbers nor texts."""
 
@@ -143,15 +146,31 @@ class ValuesDigest:
 
 def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
     """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
+    if values.dtype.kind == "S" and values.dtype.itemsize:
+        return _digested_texts(values.ravel())
     if values.dtype.kind in "OSU":
         texts = [
             text if isinstance(text, bytes) else str(text).encode("utf-8", "replace")
             for text in values.ravel().tolist()
         ]
         lengths = set(map(len, texts))
-        stated = {length: length.to_bytes(8, "little") for length in lengths}
+        stated = {length: length.to_bytes(LENGTH_BYTES, "little") for length in lengths}
         return b"".join([stated[len(text)] + text for text in texts])
     if values.dtype.kind not in "biufc":
         return repr(values).encode()
     plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
     return plain.data
+
+
+def _digested_texts(texts: NDArray[np.generic]) -> bytes:
+    """Return texts (n,) of one width, each after its length, without what fills it up.
+
+    Most texts of a result are such, and there are several for each image.
+    """
+    width = texts.dtype.itemsize
+    lengths = np.char.str_len(texts.astype(np.bytes_)).astype("<i8")
+    rows = np.empty((len(texts), LENGTH_BYTES + width), np.uint8)
+    rows[:, :LENGTH_BYTES] = lengths[:, None].view(np.uint8)
+    rows[:, LENGTH_BYTES:] = np.ascontiguousarray(texts)[:, None].view(np.uint8)
+    is_text = np.arange(LENGTH_BYTES + width) < LENGTH_BYTES + lengths[:, None]
+    return rows[is_text].tobytes()
