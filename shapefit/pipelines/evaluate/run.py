@@ -329,9 +329,9 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
     """
     errors = dict(measured.errors)
     if measured.bars is not None:
-        shares = measured.bars.shares()
+        coverage = measured.bars.coverage_by_image()
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
-        errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
+        errors[inside, SHARE] = np.where(np.isnan(coverage), np.inf, coverage)
     images = zip(measured.sequences, measured.items, strict=True)
     of_images = _quoted((name, sequence, item) for sequence, item in images)
     n = len(of_images)

@@ -184,8 +184,9 @@ def place_of_names(config: FitConfig) -> str:
 
 
 def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
-    """Raise InputError where the dictionary lacks what the method needs, or it is of no
-    use.
+    """Raise InputError where what a method needs of a dictionary is absent or faulty.
+
+    place: the dictionary as the message names it.
     """
     for need in METHODS[method].needs:
         fault = need.find_fault(dictionary)
