@@ -1,6 +1,6 @@
 // The convex programs of data.hpp for a block of images, each solved from its
-// neighbour's solution where that fits_landmarks it, and their certificates (P - D) /
-// P.
+// neighbour's solution where that fits its landmarks, and their certificates
+// (P - D) / P.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -256,7 +256,7 @@ class BlockSolver {
         const bool near = start(same_mask, reduced.lam);
         Index steps = solve_reduced(image, reduced, near, 0);
         shift_solutions(same_mask);
-        write(image);
+        write_point(image);
         set_status(image);
         if (task_.end.status[image] == Status::ITERATION_LIMIT &&
             steps < reduced.max_steps) {
@@ -264,7 +264,7 @@ class BlockSolver {
             scale_errors_to_solver(image);
             steps += solve_reduced(image, reduced, false, steps);
             store_last();
-            write(image);
+            write_point(image);
             set_status(image);
         }
         task_.end.steps[image] = steps;
@@ -418,8 +418,9 @@ class BlockSolver {
             reduction_.expand(last_.y + a * q(), Y_ + a * p_, p_);
     }
 
-    // Back to the landmarks of the image.
-    void write(Index image) {
+    // Write the dual point Y and the errors E of the last solution, for all landmarks
+    // of the image, and list its transforms.
+    void write_point(Index image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
             double *E = task_.point.errors[image][a].data,

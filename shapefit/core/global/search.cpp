@@ -126,9 +126,9 @@ bool Vertices::reaches(Vertex& vertex) const {
 }
 
 Vertex& Vertices::add(const double* q, const Vertex* like) {
-    if (count_ == laid_) {
-        all_[laid_] = workspace_.zeros<Vertex>(1);
-        lay(*all_[laid_++]);
+    if (count_ == allocated_) {
+        all_[allocated_] = workspace_.zeros<Vertex>(1);
+        allocate(*all_[allocated_++]);
     }
     Vertex& vertex = *all_[count_++];
     ActiveSet& set = objective_.coefficients();
@@ -153,7 +153,7 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
 }
 
 // Allocate the arrays of a vertex.
-void Vertices::lay(Vertex& vertex) {
+void Vertices::allocate(Vertex& vertex) {
     const Index k = objective_.atoms.k;
     const Index row = padded(objective_.problem.atoms.size[2]);
     vertex.products =
