@@ -26,7 +26,8 @@ struct Reduction {
 
     Index coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
-    // Landmarks of positive weight in omega (p,), and their reflection.
+    // Set `visible` to the landmarks of positive weight in omega (p,), and h to their
+    // reflection.
     void find(Vector<const double> omega);
 
     // out = the first q entries of ((x - anchor) o omega)(I - h h^T); x and omega (p,).
@@ -95,7 +96,7 @@ class ReducedAtoms {
     double reduce(const double* omega, const Reduction& reduction);
     void scale(double factor);
 
-    // The atoms as they are: q = p.
+    // Take all atoms as they are, not reduced: q = p.
     void copy();
 
     // B_i (3, row). Few atoms of an image are ever used: rows are copied out of the

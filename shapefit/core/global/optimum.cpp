@@ -27,7 +27,7 @@ struct Best {
     }
 };
 
-// Descents from the given starts and from the best root vertices.
+// Set `best` by descents from the given starts and from the best root vertices.
 void find_upper_bound(const GlobalData& data, Index image, RotationObjective& objective,
                       Vertices& vertices, Best& best) {
     const Index given = data.starts.size[1];

@@ -119,7 +119,7 @@ struct Verdict {
 
 constexpr int TRIPLES = 20;
 
-// Of four vertices that reach the cut, in any signs.
+// Judge the cell of four vertices that reach the cut, in any signs.
 Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner);
 
 class CellSearch {

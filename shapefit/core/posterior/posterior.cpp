@@ -53,8 +53,8 @@ struct Modes {
     Index count = 0;  // of order
 };
 
-// The point on which ascent i ended, with its evidence; no direction of its view is
-// less than flat.
+// Set `mode` to the point on which ascent i ended, with its evidence; no direction of
+// its view counts as less than flat.
 void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode) {
     Ascent<Doubles>& at = search.finished[i];
     const Index lane = i % WIDTH;
@@ -201,8 +201,8 @@ void store(const PosteriorData& data, const Group& group, const Mode& mode, Inde
         inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
-// Shares of the evidence of an image, and what is a mean over its modes, the last from
-// `first` on.
+// Set the shares of the modes of an image, the last from `first` on, and what is a mean
+// over them.
 void share_out(const PosteriorData& data, const Group& group, const Modes& modes,
                Index first) {
     const Index image = group.image[modes[first].origin.slot], last = modes.count;
@@ -268,7 +268,7 @@ struct Reweighed {
         mixture.add([&](Index e, Index f) { return share * C(e, f); });
     }
 
-    // Shares that add up to 1, and what follows from them for the image.
+    // Scale the shares to a sum of 1, and write what follows from them for the image.
     void finish(const PosteriorData& data, const Modes& modes, Index first, Index last,
                 Index image) {
         double total = 0;
@@ -288,8 +288,8 @@ struct Reweighed {
     double& least;
 };
 
-// The mixtures of the images of a group, by the evidence of their modes, several of
-// them described at once. Modes are stored as they are without lengths of limbs.
+// Write the mixtures of the images of a group, by the evidence of their modes, several
+// of them described at once. Modes are stored as they are without lengths of limbs.
 void combine(const PosteriorData& data, const Group& group, const Modes& modes,
              LaneWorkspace<Doubles>& lanes, Description& description,
              LimbLengths& limbs, double* covariance) {
@@ -338,7 +338,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
     }
 }
 
-// The posteriors of a group of images, all in double precision where `precise`.
+// Write the posteriors of a group of images, all in double precision where `precise`.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
                 Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;

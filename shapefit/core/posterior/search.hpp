@@ -42,7 +42,8 @@ struct Group {
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
-    // The first image of a range that is not yet `taken`, and those like it.
+    // Fill the group with the first image of a range that is not yet `taken` and with
+    // those that see the same landmarks; an empty one where all are taken.
     void collect(const PosteriorData& data, Range range, bool* taken) {
         const auto sees = [&](Index i, Index j) {
             return is_finite(data.residual_variance[i][j]);
@@ -62,7 +63,7 @@ struct Group {
             if (sees(image[0], j)) index[m++] = j;
     }
 
-    // Only those that have failed stay.
+    // Drop the images that have not failed.
     void retain_failed() {
         const Index before = count;
         count = 0;
@@ -233,7 +234,7 @@ inline double first_scale(const PosteriorData& data, const Group& group, Index i
     return larger(overlap / larger(square, TINY), larger(least, TINY));
 }
 
-// One more ascent, from its start.
+// Append an ascent from the start of its origin.
 template <class Lanes>
 void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
                 Ascents<Lanes>& ascents) {
@@ -248,8 +249,8 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
     ascents.origin[ascents.count++] = origin;
 }
 
-// Every start under every component, where three landmarks are seen; blocks in a row
-// have the same components.
+// Append ascents from every start under every component, where three landmarks are
+// seen; blocks in a row have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
     const Index K = data.means.size[0],
