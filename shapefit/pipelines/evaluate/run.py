@@ -151,9 +151,7 @@ def _lacks_matplotlib(config: EvalConfig) -> bool:
 
 
 def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
-    """Return how many images were compared, and the share of landmarks inside their
-    regions by method.
-    """
+    """Return the number of images compared, and coverage of error bars by method."""
     images = sum(len(measured.items) for measured in methods.values())
     shares = {name: share_inside(measured.bars) for name, measured in methods.items()}
     return Numbers(images=images, share_inside_regions=shares)
