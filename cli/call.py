@@ -49,8 +49,7 @@ class Call:
             raise click.UsageError("-q and -v exclude each other; give one of them")
 
     def check_given(self, keys: Mapping[str, object]) -> None:
-        """Raise click's error, with an example, where a parameter that is needed is
-        missing.
+        """Raise click's error, with an example, where a needed parameter is missing.
 
         A config file, and --set, may have it.
         """
@@ -92,8 +91,9 @@ class Call:
         return config
 
     def say(self, text: str) -> str:
-        """Return a message in the words of the command line; where a config file was
-        given, only the place of a problem is.
+        """Return a message in the words of the command line.
+
+        Where a config file was given, only the place of a problem is in these.
         """
         from .wording import in_options, options_of_keys, place_in_options
 

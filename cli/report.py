@@ -109,9 +109,7 @@ class Report:
     _started: float = field(default_factory=time.monotonic)
 
     def follow(self, results: Iterator[Result]) -> int:
-        """Run a pipeline to its end, show its progress and its sum; return the exit
-        code.
-        """
+        """Run a pipeline, show its progress and its sum; return the exit code."""
         with ExitStack() as stack:
             stack.enter_context(closing(results))  # type: ignore[type-var]
             bar: tqdm | None = None
@@ -185,9 +183,7 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """Return 0 if no item failed, one was there, and enough are to be trusted,
-        otherwise 1.
-        """
+        """Return 0 if there are items, none failed and enough are trusted, else 1."""
         return 1 if self.failed or self.total == 0 or self._too_few_trusted else 0
 
     @property
@@ -321,9 +317,7 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _shown(path: Path) -> str:
-    """Return the path as a user would type it: relative to the working directory if
-    inside.
-    """
+    """Return the path as a user would type it: relative if in the working directory."""
     if path == Path("-"):
         return "standard output"
     here = Path.cwd()

@@ -31,9 +31,7 @@ def input_error(place: str | PathLike[str], fault: str, fix: str) -> InputError:
 
 
 def parse_json(text: object) -> dict[str, Any]:
-    """Return the object of a JSON text, nested 1,000 deep at most. Raises ValueError
-    for others.
-    """
+    """Return the object of a JSON text, nested 1,000 deep at most; else ValueError."""
     import orjson
 
     value = orjson.loads(str(text))
@@ -50,9 +48,7 @@ def path_text(path: str | PathLike[str]) -> str:
 
 
 def as_typed(path: str | PathLike[str]) -> str:
-    """Return a path as it is typed in a shell: relative to the working folder if it is
-    inside.
-    """
+    """Return a path as it is typed in a shell: relative if in the working folder."""
     import shlex
 
     whole, here = Path(path), Path.cwd()
@@ -61,8 +57,7 @@ def as_typed(path: str | PathLike[str]) -> str:
 
 
 def printable(text: object) -> str:
-    """Return a text on one line that a terminal shows as it is: what is not printable
-    as escapes.
+    """Return a text on one line, with escapes for what a terminal cannot show.
 
     Names come from files and folders: they may hold colours, line ends, and bytes of no
     encoding.

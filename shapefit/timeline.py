@@ -134,14 +134,15 @@ class Timeline:
             weights[inner] = np.stack([first, -first - last, last], axis=1)
         return weights
 
-    def on_grid(self, longest: int | None = None) -> Integers:
-        """Return the whole number (t,) of each image's frame, counted from 0.
+    def frame_numbers(self, max_missing: int | None = None) -> Integers:
+        """Return the number (t,) of each image's frame, missing frames counted.
 
-        Missing frames count too, of a gap at most `longest`.
+        Positions rounded to whole numbers, from 0 and rising. A gap counts as at most
+        `max_missing` frames, which shortens long ones.
         """
         steps = np.maximum(np.rint(self.steps), 1)
-        if longest is not None:
-            steps = np.minimum(steps, longest + 1)
+        if max_missing is not None:
+            steps = np.minimum(steps, max_missing + 1)
         return np.concatenate([[0], np.cumsum(steps)])[: len(self)].astype(np.int64)
 
 

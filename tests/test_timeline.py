@@ -121,9 +121,9 @@ def test_no_difference_reaches_over_a_long_gap():
 
 def test_places_on_the_grid_of_all_frames():
     timeline = Timeline(np.array([0.0, 1, 3.2, 3.4, 1003.4]), 24.0)
-    assert timeline.on_grid().tolist() == [0, 1, 3, 4, 1004]
-    assert timeline.on_grid(5).tolist() == [0, 1, 3, 4, 10]
-    assert Timeline.of_frames(3).on_grid().tolist() == [0, 1, 2]
+    assert timeline.frame_numbers().tolist() == [0, 1, 3, 4, 1004]
+    assert timeline.frame_numbers(5).tolist() == [0, 1, 3, 4, 10]
+    assert Timeline.of_frames(3).frame_numbers().tolist() == [0, 1, 2]
 
 
 @pytest.fixture

@@ -127,9 +127,7 @@ def absolute_path(value: object) -> Path:
 
 
 def list_results(path: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part, none of anything
-    else.
-    """
+    """Return the results in a folder that `fit` wrote part by part, else none."""
     if not path.is_dir():
         return ()
     from shapefit.config.manifest import result_parts  # models that few commands need

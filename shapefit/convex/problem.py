@@ -136,8 +136,11 @@ class Problem:
             )
 
     @property
-    def bound(self) -> float:
-        """Return the bound on entries of the dual Y: beta, 1 or inf, by the loss."""
+    def max_dual_entry(self) -> float:
+        """Return the bound on |Y|, entry by entry, that the loss sets the dual Y.
+
+        beta for sparse errors, 1 for the absolute loss, and inf for others.
+        """
         if self.loss is Loss.SPARSE_ERROR:
             return self.beta
         if self.loss is Loss.ABSOLUTE:

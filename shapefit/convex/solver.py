@@ -147,7 +147,7 @@ def solve_directly(
     core.solve_convex(
         **problem.arrays,
         delta=float(problem.loss.has_quadratic),
-        bound=problem.bound,
+        bound=problem.max_dual_entry,
         tolerance=tolerance,
         max_steps=max_iterations,
         threads=threads,
@@ -209,7 +209,7 @@ def solve_in_span(
         **problem.arrays,
         **transforms.arrays,
         delta=1.0,
-        bound=problem.bound,
+        bound=problem.max_dual_entry,
         translation=translation,
         dual=dual,
         errors=np.zeros((n, 2, 0)),

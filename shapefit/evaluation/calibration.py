@@ -38,21 +38,22 @@ class ErrorBars(NamedTuple):
     square: Floats
     width: Mapping[str, Floats]
 
-    def shares(self) -> Floats:
-        """Return the share (n,) of landmarks of each image inside the 90% ellipsoids.
+    def coverage_by_image(self) -> Floats:
+        """Return the share (n,) of each image's landmarks inside their 90% ellipsoids.
 
-        nan where there are none.
+        nan where an image has no error bars to judge.
         """
         count = (~np.isnan(self.square)).sum(axis=1)
         inside = (self.square <= WIDTH_SQUARED_RADIUS).sum(axis=1)
-        share = np.full(len(count), np.nan)
-        np.divide(inside, count, out=share, where=count > 0)
-        return share
+        coverage = np.full(len(count), np.nan)
+        np.divide(inside, count, out=coverage, where=count > 0)
+        return coverage
 
-    def held(self, levels: Floats) -> Floats:
-        """Return the share of all landmarks inside the ellipsoids of each level (l,).
+    def coverage(self, levels: Floats) -> Floats:
+        """Return the share (l,) of all landmarks inside their ellipsoids of each level.
 
-        levels are shares between 0 and 1; true error bars hold just these.
+        levels (l,): nominal shares between 0 and 1, which are what true error bars
+        hold.
         """
         from scipy.special import gammaincinv
 

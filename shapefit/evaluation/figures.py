@@ -563,15 +563,16 @@ def _height_by_width(shape: Floats) -> float:
     return float(size[1] / max(size[0], size[2], 1e-9))
 
 
-def draw_bars(held: Mapping[str, Floats]) -> Figure:
-    """Draw the share of landmarks inside error bars of each of `LEVELS`, by method.
+def draw_bars(coverage: Mapping[str, Floats]) -> Figure:
+    """Draw the coverage of error bars over their nominal `LEVELS`, a line a method.
 
-    Bars that are true lie on the diagonal.
+    coverage: method -> the share of landmarks inside, for each level. Bars that are
+    true lie on the diagonal.
     """
     figure, (left, right) = _panels("bars", 3.2)
     axes = left.subplots()
     axes.plot([0, 100], [0, 100], color=GRID, linewidth=2)
-    for number, (method, shares) in enumerate(held.items()):
+    for number, (method, shares) in enumerate(coverage.items()):
         look = look_of(number)
         axes.plot(
             100 * LEVELS,
@@ -580,7 +581,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
             markersize=3,
             linestyle=look.dash,
             color=look.colour,
-            label=f"{_legend_name(method)}\n{_describe_held(shares)}",
+            label=f"{_legend_name(method)}\n{_describe_coverage(shares)}",
         )
     axes.set(
         xlabel="what the error bars state (%)",
@@ -596,8 +597,8 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
     return figure
 
 
-def _describe_held(shares: Floats) -> str:
-    """Return in words what the bars of two levels hold, of shares at `LEVELS`."""
+def _describe_coverage(shares: Floats) -> str:
+    """Return in words the coverage at `SAID_LEVELS`, of the shares at all `LEVELS`."""
     texts = []
     for level in SAID_LEVELS:
         share = shares[np.abs(LEVELS - level).argmin()]

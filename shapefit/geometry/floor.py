@@ -7,8 +7,8 @@ camera, weighted least squares find a, b and g of
 
     a x + b z + g   = r k - y          feet at rest at (x, y, z), whose landmarks are k
                     above it
-    a = d_x / d_y,  b = d_z / d_y      d from the feet that bear a body to its centre of
-                    mass
+    a = d_x / d_y,  b = d_z / d_y      d to the centre of mass of a body from the feet
+                    that support it
     a = 0,          b = 0              cameras are held about level
 
 The error of a foot is mostly along its ray, and a distance that is wrong for all frames
@@ -45,9 +45,9 @@ R. Contini, Body segment parameters, 1966, and the shapes of seven bodies).
 """
 
 FORWARD = 0.045
-"""Where a foot bears a standing body before its ankle, in heights of the body."""
+"""How far before its ankle a foot supports a standing body, in heights of the body."""
 
-# A leg bears the body where it is straight and its foot slow and low, for a while.
+# A foot is at rest where it is slow and low and its leg straight, for a while.
 
 STRAIGHT_LEG_SHARE = 0.85
 """Distance of hip and ankle from which on a leg is straight, in lengths of the leg."""
@@ -213,14 +213,14 @@ def _find_evidence(body: FilmedBody) -> Evidence:
     """Return where the feet of one body rest, and how it leans above them."""
     X = {joint: body.points[..., column] for joint, column in body.joints.items()}
     centre = _centre_of_mass(X)
-    ahead = _bearing_offset(X, body.stature)
-    under = np.stack([X[f"{side}ankle"] + ahead for side in "lr"])
+    ahead = _offset_from_ankle(X, body.stature)
+    supports = np.stack([X[f"{side}ankle"] + ahead for side in "lr"])
     marks = [mark for mark in ABOVE_FLOOR if {f"l{mark}", f"r{mark}"} <= X.keys()]
     feet = np.stack(
         [np.mean([X[f"{side}{mark}"] for mark in marks], axis=0) for side in "lr"]
     )
-    rests = _find_rests(body, X, feet, under, centre)
-    leaning, variances = _find_leaning(body, rests, under, centre)
+    rests = _find_rests(body, X, feet, supports, centre)
+    leaning, variances = _find_leaning(body, rests, supports, centre)
     places = []
     if leaning:
         min_frames = _min_rest_frames(body)
@@ -245,10 +245,11 @@ def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
     return sum(parts, 0 * trunk)
 
 
-def _bearing_offset(X: Mapping[str, Floats], stature: float) -> Floats:
-    """Return the vector (n, 3) from an ankle to where the foot bears the body.
+def _offset_from_ankle(X: Mapping[str, Floats], stature: float) -> Floats:
+    """Return the vector (n, 3) from an ankle to where its foot supports the body.
 
-    It points the way that the trunk faces.
+    In metres, the same for both feet: it points the way that the trunk faces. X: joints
+    (n, 3) by name.
     """
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
@@ -260,28 +261,30 @@ def _find_rests(
     body: FilmedBody,
     X: Mapping[str, Floats],
     feet: Floats,
-    under: Floats,
+    supports: Floats,
     centre: Floats,
 ) -> NDArray[np.bool_]:
-    """Return whether left and right foot bear the body at rest, frame by frame (2, n).
+    """Return whether left and right foot rest on the floor, frame by frame (2, n).
 
-    feet (2, n, 3), where they bear the body `under` (2, n, 3), and its centre of mass
-    (n, 3).
+    They are slow and low, and their legs straight. feet (2, n, 3), points of them that
+    support the body (2, n, 3), and its centre of mass (n, 3).
     """
-    upright = centre - under.mean(axis=0)
+    upright = centre - supports.mean(axis=0)
     length = np.linalg.norm(upright, axis=1, keepdims=True)
-    height = (under * upright / length).sum(axis=2)
+    height = (supports * upright / length).sum(axis=2)
     is_low = height < height.min(axis=0) + MAX_FOOT_HEIGHT * body.stature
-    bears = [_bears(body, X, side, foot) for side, foot in zip("lr", feet, strict=True)]
-    return np.asarray(np.stack(bears) & is_low)
+    may_rest = [
+        _may_rest(body, X, side, foot) for side, foot in zip("lr", feet, strict=True)
+    ]
+    return np.asarray(np.stack(may_rest) & is_low)
 
 
-def _bears(
+def _may_rest(
     body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
-    """Return whether a foot is slow and its leg straight, frame by frame (n,).
+    """Return whether a foot may rest, frame by frame (n,): slow, and its leg straight.
 
-    side, "l" or "r"; foot (n, 3) in metres.
+    X: joints (n, 3) by name; side, "l" or "r"; foot (n, 3) in metres.
     """
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
     thigh = np.linalg.norm(hip - knee, axis=1)
@@ -301,12 +304,13 @@ def _bears(
 
 
 def _find_leaning(
-    body: FilmedBody, rests: NDArray[np.bool_], under: Floats, centre: Floats
+    body: FilmedBody, rests: NDArray[np.bool_], supports: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return how a body leans at some moments, (2,) each, and its variances.
+    """Return how a body leans at some moments, (2,) each, and the variances of that.
 
-    Leaning is (d_x, d_z) / d_y of the direction d from its feet to its centre of mass.
-    A moment is about a second in which a foot rests.
+    Leaning is (d_x, d_z) / d_y of the direction d to its centre of mass from where its
+    feet at rest support it: rests (2, n), supports (2, n, 3), centre (n, 3). A moment
+    is about a second in which a foot rests.
     """
     ankles = [body.joints[f"{side}ankle"] for side in "lr"]
     leaning, variances = [], []
@@ -314,7 +318,7 @@ def _find_leaning(
         moments = max(round((end - begin) / body.rate), 1)
         for rows in np.array_split(np.arange(begin, end), moments):
             weights = rests[:, rows, None] / rests[:, rows].sum(axis=0)[:, None]
-            support = (weights * under[:, rows]).sum(axis=0)
+            support = (weights * supports[:, rows]).sum(axis=0)
             d = (centre[rows] - support).mean(axis=0)
             if d[1] > MIN_UPRIGHT_COSINE * np.linalg.norm(d):
                 leaning.append(d[[0, 2]] / d[1])

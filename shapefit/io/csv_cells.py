@@ -149,7 +149,7 @@ class SplitCells(Cells):
 
     @cached_property
     def _words(self) -> NDArray[np.uint64]:
-        """The text as the core takes it."""
+        """The text as the core takes it: 64 bits a number, spaces after the end."""
         size = -(-len(self._data) // WORD_BYTES) * WORD_BYTES
         return np.frombuffer(self._data.ljust(size), np.uint64)
 

@@ -65,6 +65,7 @@ def refine_convex(
         bound = solution.objective * (1 - solution.relative_gap)
         refined = replace(refined, relative_gap=_gap_to(bound, refined.objective))
     else:
+        outliers = _removable_outliers(problem, outliers)
         inliers = _without_outliers(problem, outliers)
         refined = replace(alternate_from(inliers), outliers=outliers)
     return replace(
@@ -82,16 +83,22 @@ def _gap_to(bound: Floats, objective: Floats) -> Floats:
     return gap
 
 
-def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
-    """Return the problem of the squared loss without the outliers (n, p).
+def _removable_outliers(
+    problem: Problem, outliers: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the outliers (n, p) of images that can be lifted without theirs.
 
-    Images that could not be lifted without theirs keep them, and their flags in
-    `outliers` are cleared.
+    Other images keep theirs, as what is left of them is degenerate.
     """
     weights = np.where(outliers, 0.0, problem.weights)
-    lost = list(find_degenerate(problem.landmarks, weights))
-    outliers[lost] = False
-    weights[lost] = problem.weights[lost]
+    removable = outliers.copy()
+    removable[list(find_degenerate(problem.landmarks, weights))] = False
+    return removable
+
+
+def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
+    """Return the problem of the squared loss, in which outliers (n, p) weigh 0."""
+    weights = np.where(outliers, 0.0, problem.weights)
     return replace(problem, weights=weights, loss=Loss.SQUARED)
 
 

@@ -103,8 +103,8 @@ DPI = 150
 MARGIN = 0.12
 """Free border of a panel, as a share of what it shows."""
 
-Looks = dict[str, "Line2D"]
-"""Words of the legend -> what they stand for."""
+LegendEntries = dict[str, "Line2D"]
+"""Label in the legend -> the line or mark that is drawn beside it."""
 
 
 class DrawnModel(NamedTuple):
@@ -195,7 +195,7 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
     row_height = PANEL_INCHES + TITLE_INCHES
     height = rows * row_height + legend_height
     figure = Figure(figsize=(across * PANEL_INCHES, height))
-    looks: Looks = {}
+    entries: LegendEntries = {}
     for number, image in enumerate(images):
         row, column = divmod(number, groups)
         bottom = (height - (row + 1) * row_height) / height
@@ -207,7 +207,7 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
             axes.set_aspect("equal")
             if panel == 0:
                 write_title(axes, image, panels * PANEL_INCHES)
-                looks |= draw_image(axes, image, model)
+                entries |= draw_image(axes, image, model)
             else:
                 draw_shape(axes, image, model, turns[panel - 1])
     figure.text(
@@ -219,7 +219,7 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
         fontsize=FONT_POINTS,
         color=INK_COLOUR,
     )
-    draw_legend(figure, looks, across)
+    draw_legend(figure, entries, across)
     return figure
 
 
@@ -238,13 +238,13 @@ def write_title(axes: Axes, image: FittedImage, inches: float) -> None:
     )
 
 
-def draw_legend(figure: Figure, looks: Looks, across: int) -> None:
-    """Write below a sheet what its marks stand for."""
+def draw_legend(figure: Figure, entries: LegendEntries, across: int) -> None:
+    """Write the legend below a sheet: what its lines and marks stand for."""
     columns = max(1, LEGEND_WORDS * across // PANELS_IN_A_ROW)
-    of_all = [word for word in LEGEND_ORDER if word in looks]
-    words = [*(word for word in looks if word not in of_all), *of_all]
+    of_all = [word for word in LEGEND_ORDER if word in entries]
+    words = [*(word for word in entries if word not in of_all), *of_all]
     figure.legend(
-        [looks[word] for word in words],
+        [entries[word] for word in words],
         [printable(word) for word in words],
         loc="lower center",
         ncols=columns,
@@ -256,12 +256,12 @@ def draw_legend(figure: Figure, looks: Looks, across: int) -> None:
     )
 
 
-def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> Looks:
+def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> LegendEntries:
     """Draw the photograph, the model and the landmarks, as the camera sees them.
 
-    Returns the words of the legend.
+    Returns entries of the legend for what is drawn.
     """
-    looks: Looks = {}
+    entries: LegendEntries = {}
     shown = [image.landmarks]
     if image.photograph is not None:
         draw_photograph(axes, image.photograph, model)
@@ -271,8 +271,8 @@ def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> Looks:
             shown.append(image.projected_mesh)
             draw_silhouette(axes, image.projected_mesh, model)
         elif model.edges is not None:
-            looks |= draw_bones(axes, image, image.projected, model)
-        looks |= draw_residuals(axes, image)
+            entries |= draw_bones(axes, image, image.projected, model)
+        entries |= draw_residuals(axes, image)
     else:
         axes.text(
             0.5,
@@ -282,7 +282,7 @@ def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> Looks:
             fontsize=FONT_POINTS,
             transform=axes.transAxes,
         )
-    looks |= draw_landmarks(axes, image)
+    entries |= draw_landmarks(axes, image)
     every = np.concatenate(shown, axis=1)
     low, high = _limits(every[:, np.isfinite(every).all(axis=0)])
     axes.set_xlim(low[0], high[0])
@@ -290,7 +290,7 @@ def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> Looks:
         axes.set_ylim(high[1], low[1])
     else:
         axes.set_ylim(low[1], high[1])
-    return looks
+    return entries
 
 
 def draw_photograph(
@@ -332,11 +332,11 @@ def draw_bones(
     points: Floats,
     model: DrawnModel,
     nearness: Floats | None = None,
-) -> Looks:
+) -> LegendEntries:
     """Draw bones between points (2, p) in the colours of their sides.
 
-    nearness (p,): the bones of near landmarks are drawn last. Returns words of the
-    legend.
+    nearness (p,): the bones of near landmarks are drawn last. Returns entries of
+    the legend for the sides that there are.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
@@ -367,7 +367,7 @@ def draw_bones(
     }
 
 
-def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
+def draw_residuals(axes: Axes, image: FittedImage) -> LegendEntries:
     """Draw lines from landmarks to where the model projects them.
 
     Returns their entry of the legend, {} where no line is drawn.
@@ -386,7 +386,7 @@ def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
     return {"to its fitted position": Line2D([], [], color=RESIDUAL_COLOUR)}
 
 
-def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
+def draw_landmarks(axes: Axes, image: FittedImage) -> LegendEntries:
     """Draw landmarks: those observed, outliers, and hidden ones of the model.
 
     Returns entries of the legend for those that there are.
@@ -398,9 +398,9 @@ def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
     from_model = np.empty((2, 0))
     if image.is_fitted:
         from_model = image.projected[:, is_hidden]
-    looks: Looks = {}
+    entries: LegendEntries = {}
     if np.isfinite(from_model).any():
-        (looks["hidden, from the model"],) = axes.plot(
+        (entries["hidden, from the model"],) = axes.plot(
             *from_model,
             linestyle="",
             marker="o",
@@ -411,7 +411,7 @@ def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
             zorder=4,
         )
     if np.isfinite(image.landmarks[:, ~is_wrong]).any():
-        (looks["observed"],) = axes.plot(
+        (entries["observed"],) = axes.plot(
             *image.landmarks[:, ~is_wrong],
             linestyle="",
             marker="o",
@@ -422,7 +422,7 @@ def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
             zorder=4,
         )
     if np.isfinite(image.landmarks[:, is_wrong]).any():
-        (looks["outlier"],) = axes.plot(
+        (entries["outlier"],) = axes.plot(
             *image.landmarks[:, is_wrong],
             linestyle="",
             marker="X",
@@ -432,7 +432,7 @@ def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
             markeredgewidth=0.4,
             zorder=4,
         )
-    return looks
+    return entries
 
 
 def draw_shape(axes: Axes, image: FittedImage, model: DrawnModel, turn: float) -> None:

@@ -324,9 +324,7 @@ def describe_point(sample: Items, visible: Flags) -> str:
 
 
 def describe_dictionary(path: Path) -> tuple[list[InfoLine], FileNumbers]:
-    """Return labels and texts: what a dictionary holds, its source, how to use it; and
-    its numbers.
-    """
+    """Return labelled lines on content, source and use of a dictionary; its numbers."""
     dictionary = read_dictionary(path, old=True)
     names = dictionary.landmark_names
     provenance = dictionary.provenance

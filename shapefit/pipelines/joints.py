@@ -149,8 +149,9 @@ class Matched(NamedTuple):
         visible: Flags,
         residual_variance: float,
     ) -> tuple[Lifting[PosteriorEstimate], Detected | None]:
-        """Return the lifting of the joints, and all landmarks of the files in 3D, None
-        where these are the joints. landmarks (n, 2, p), visible (n, p).
+        """Return the lifting of the joints, and all landmarks of the files in 3D.
+
+        None for these where they are the joints. landmarks (n, 2, p), visible (n, p).
         """
         if self.has_dependents:
             on = self.dictionary.depends_on
@@ -278,9 +279,7 @@ def find_joints(
 
 
 def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
-    """Rename landmarks to the joints that they stand for; several of one joint are
-    averaged.
-    """
+    """Rename landmarks to the joints that they stand for, and average those of one."""
     landmarks = images.landmarks
     confidence = images.confidence
     weights = images.weights()

@@ -103,12 +103,12 @@ def _losses(problem, r):
     """Return f of each entry of a residual."""
     size = np.abs(r)
     squared = 0.5 * size**2
-    if not np.isfinite(problem.bound):
+    if not np.isfinite(problem.max_dual_entry):
         return squared if problem.loss.has_quadratic else np.zeros_like(size)
     if not problem.loss.has_quadratic:
-        return problem.bound * size
-    linear = problem.bound * (size - 0.5 * problem.bound)
-    return np.where(size > problem.bound, linear, squared)
+        return problem.max_dual_entry * size
+    linear = problem.max_dual_entry * (size - 0.5 * problem.max_dual_entry)
+    return np.where(size > problem.max_dual_entry, linear, squared)
 
 
 def _dual_bound(problem, Y, omega, lam, centred_landmarks):
@@ -123,9 +123,9 @@ def _dual_bound(problem, Y, omega, lam, centred_landmarks):
     )
     nuclear = singular_values.sum(axis=1).max()
     scales = [lam / max(nuclear, TINY)]
-    if np.isfinite(problem.bound):
+    if np.isfinite(problem.max_dual_entry):
         highest = np.abs(Y).max()
-        scales.append(problem.bound / max(highest, TINY))
+        scales.append(problem.max_dual_entry / max(highest, TINY))
     if problem.loss.has_quadratic:
         scales.append(yw / max(yy, TINY))
     scale = max(min(scales), 0.0)

@@ -192,7 +192,7 @@ class TestSums:
         return ErrorBars(chdtri(3, 1 - level), {"normalised": width})
 
     def test_the_share_of_an_image_is_of_the_landmarks_within_90_percent(self, bars):
-        assert_allclose(bars.shares(), [1, 1, 0.5])
+        assert_allclose(bars.coverage_by_image(), [1, 1, 0.5])
 
     def test_groups_are_summed_up_where_they_have_images(self, bars):
         groups = {"13": ("a", "b"), "14": ("c",), "15": ("d",)}

@@ -184,13 +184,13 @@ def squares():
 
 
 def test_true_bars_lie_on_the_diagonal(squares):
-    held = ErrorBars(squares, {}).held(f.LEVELS)
-    assert_allclose(held, f.LEVELS, atol=0.012)
+    coverage = ErrorBars(squares, {}).coverage(f.LEVELS)
+    assert_allclose(coverage, f.LEVELS, atol=0.012)
 
 
 def test_bars_twice_as_wide_as_they_need_to_be_hold_more(squares):
-    (held,) = ErrorBars(squares / 4, {}).held(np.array([0.5]))
-    assert held > 0.9
+    (coverage,) = ErrorBars(squares / 4, {}).coverage(np.array([0.5]))
+    assert coverage > 0.9
 
 
 def test_a_section_stands_before_the_origin():

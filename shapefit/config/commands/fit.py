@@ -212,9 +212,7 @@ class FitConfig(MetresConfig):
 
 
 def find_conflict(fit: FitConfig) -> str | None:
-    """Return which key of a config its method cannot use, and the fix; None where there
-    is none.
-    """
+    """Return the key of a config that its method cannot use, and the fix; else None."""
     if fit.method == AUTO:
         return None
     for fault, fix in list_conflicts(fit, METHODS[fit.method]):

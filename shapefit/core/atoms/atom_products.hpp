@@ -11,12 +11,13 @@ class AtomProducts {
   public:
     AtomProducts(Workspace& workspace, Index k);
 
-    // The atoms have changed.
+    // Forget all products, as the atoms have changed.
     void clear() { ++generation_, taken_ = 0; }
 
     // Make the products among some atoms; false where there are more atoms than places.
     bool make(ReducedAtoms& atoms, const Index* used, Index count);
 
+    // The place of atom i, after `make`.
     Index place(Index i) const { return place_[i]; }
 
     // Entry (b, c) of B_i B_j^T is in row 3 b + c, column `place(j)` of (9, places).

@@ -26,7 +26,7 @@ class CoefficientStep {
     // The coefficients; the step starts from them.
     ActiveSet set;
 
-    // The images (2, row) and conditions of the steps to come.
+    // Set what the steps to come minimise: w (2, row), lam, and the signs of c.
     void aim(const double* w, double lam, bool is_signed);
 
     // Take the step at R (3, 3); returns the minimum.

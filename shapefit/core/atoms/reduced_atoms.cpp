@@ -135,20 +135,20 @@ void ReducedAtoms::copy() {
     memcpy(planes.data, all_.data, sizeof(double) * all_.size());
 }
 
-// The number of coordinates has changed: rows of atoms are to be laid again.
+// Set the number of coordinates; rows that were copied before are out of date.
 void ReducedAtoms::resize(Index coordinates) {
     planes.columns = coordinates;
     row = padded(coordinates);
-    for (Index i = 0; i < k; ++i) laid_[i] = false;
+    for (Index i = 0; i < k; ++i) is_copied_[i] = false;
 }
 
 // Copy atom i out of the planes into rows of its own, (3, row) with 0 at the end.
-const double* ReducedAtoms::lay(Index i) {
+const double* ReducedAtoms::copy_rows(Index i) {
     double* B = rows_ + i * 3 * row;
     for (int b = 0; b < 3; ++b)
         for (Index j = 0; j < row; ++j)
             B[b * row + j] = j < q() ? *planes.at(b, j, i) : 0;
-    laid_[i] = true;
+    is_copied_[i] = true;
     return B;
 }
 

@@ -2,8 +2,8 @@
 // p_visible - 1 coordinates.
 //
 //     min_T ||Omega o (W - sum_i M_i B_i - T 1^T)||_F = ||w - sum_i M_i b_i||_F,
-//     w = the first q columns of (W o omega)(I - h h^T), b_i of (B_i o omega)(I - h
-//     h^T)
+//     w = the first q columns of (W o omega)(I - h h^T),
+//     b_i = those of (B_i o omega)(I - h h^T)
 //
 // The optimal T makes the weighted residual orthogonal to omega, so nothing is lost by
 // turning the space of landmarks until omega is the last axis (a Householder reflection
@@ -26,7 +26,8 @@ struct Reduction {
 
     Index coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
-    // Landmarks of positive weight in omega (p,), and their reflection.
+    // Set `visible` to the landmarks of positive weight in omega (p,), and h to their
+    // reflection.
     void find(Vector<const double> omega);
 
     // out = the first q entries of ((x - anchor) o omega)(I - h h^T); x and omega (p,).
@@ -87,7 +88,7 @@ class ReducedAtoms {
           planes{workspace.zeros<double>(all.size()), 0, all.padded_atoms},
           all_(all),
           rows_(workspace.zeros<double>(k * 3 * padded(all.columns))),
-          laid_(workspace.zeros<bool>(k)) {}
+          is_copied_(workspace.zeros<bool>(k)) {}
 
     Index q() const { return planes.columns; }
 
@@ -95,22 +96,22 @@ class ReducedAtoms {
     double reduce(const double* omega, const Reduction& reduction);
     void scale(double factor);
 
-    // The atoms as they are: q = p.
+    // Take all atoms as they are, not reduced: q = p.
     void copy();
 
-    // B_i (3, row). Few atoms of an image are ever used: rows are laid when they are
-    // asked for.
+    // B_i (3, row). Few atoms of an image are ever used: rows are copied out of the
+    // planes when they are asked for.
     const double* operator[](Index i) {
-        return laid_[i] ? rows_ + i * 3 * row : lay(i);
+        return is_copied_[i] ? rows_ + i * 3 * row : copy_rows(i);
     }
 
   private:
     void resize(Index coordinates);
-    const double* lay(Index i);
+    const double* copy_rows(Index i);
 
     Planes all_;
     double* rows_;  // B (k, 3, row)
-    bool* laid_;
+    bool* is_copied_;
 };
 
 // One image after another, with the same atoms.

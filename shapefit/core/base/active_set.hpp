@@ -59,7 +59,7 @@ struct ActiveSet {
         sign[count++] = its_sign;
     }
 
-    // All coefficients c, those that are 0 among them.
+    // Write all coefficients c (k,): 0 for those that are not in use.
     void write(Vector<double> c) const {
         for (Index i = 0; i < c.size[0]; ++i) c[i] = 0;
         for (Index e = 0; e < count; ++e) c[index[e]] = x[e];

@@ -49,7 +49,8 @@ struct Status {
 
 class Arguments;
 
-// One of them; the type is that of the member that takes it.
+// The name and shape of an argument as it is listed; the type is that of the member
+// that takes it.
 struct Argument {
     Arguments& from;
     const char *name, *shape;
@@ -69,7 +70,10 @@ class Arguments {
         return {*this, name, shape};
     }
 
-    virtual void take(const Argument& argument, AnyArray& array) = 0;
+    // The value of the keyword that the argument names, as an array, whose type is that
+    // of `array`, a number, a whole number or a flag. Of a call each is taken once, and
+    // a keyword that nobody has taken is an error.
+    virtual void take_array(const Argument& argument, AnyArray& array) = 0;
     virtual double take_number(const Argument& argument) = 0;
     virtual Index take_count(const Argument& argument) = 0;
     virtual bool take_flag(const Argument& argument) = 0;
@@ -95,7 +99,7 @@ template <class T, int rank>
 Argument::operator View<T, rank>() const {
     using Value = std::remove_const_t<T>;
     AnyArray array{element_of<Value>, !std::is_const_v<T>, rank};
-    from.take(*this, array);
+    from.take_array(*this, array);
     View<T, rank> view{static_cast<T*>(array.data)};
     for (int d = 0; d < rank; ++d) view.size[d] = array.size[d];
     return view;

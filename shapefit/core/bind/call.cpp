@@ -61,7 +61,8 @@ void each_token(std::string_view text, const Visit& visit) {
 Call::Call(const char* function, nb::args values, nb::kwargs keywords)
     : function_(function), values_(std::move(values)), keywords_(std::move(keywords)) {}
 
-// The argument of a name. Raises TypeError where it was not given.
+// The value of the keyword that an argument names. Raises TypeError where there is
+// none.
 nb::handle Call::find(const Argument& argument) {
     if (!keywords_.contains(argument.name))
         throw nb::type_error(
@@ -70,9 +71,9 @@ nb::handle Call::find(const Argument& argument) {
     return nb::handle(PyDict_GetItemString(keywords_.ptr(), argument.name));
 }
 
-// The argument as an array. Raises TypeError for another type, ValueError for another
-// shape.
-void Call::take(const Argument& argument, AnyArray& array) {
+// Point `array` at the array of a keyword. Raises TypeError for another type,
+// ValueError for another shape.
+void Call::take_array(const Argument& argument, AnyArray& array) {
     const nb::handle given = find(argument);
     int rank = NO_ARRAY;
     switch (array.element) {
@@ -99,7 +100,7 @@ void Call::take(const Argument& argument, AnyArray& array) {
     }
 }
 
-// The argument as a number. Raises TypeError for others.
+// The float of a keyword. Raises TypeError for what is no number.
 double Call::take_number(const Argument& argument) {
     const nb::handle given = find(argument);
     double value = 0;
@@ -107,7 +108,7 @@ double Call::take_number(const Argument& argument) {
     return value;
 }
 
-// The argument as a whole number. Raises TypeError for others.
+// The int of a keyword. Raises TypeError for what is no whole number.
 Index Call::take_count(const Argument& argument) {
     const nb::handle given = find(argument);
     Index value = 0;
@@ -115,7 +116,7 @@ Index Call::take_count(const Argument& argument) {
     return value;
 }
 
-// The argument as a flag. Raises TypeError for others.
+// The bool of a keyword. Raises TypeError for what is neither True nor False.
 bool Call::take_flag(const Argument& argument) {
     const nb::handle given = find(argument);
     bool value = false;
@@ -219,7 +220,7 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
 }
 
 // Note an array argument, and read nothing.
-void Signature::take(const Argument& argument, AnyArray& array) {
+void Signature::take_array(const Argument& argument, AnyArray& array) {
     add(argument, type_of(array.element).in_python);
 }
 

@@ -23,7 +23,7 @@ class Call : public Arguments {
   public:
     Call(const char* function, nb::args values, nb::kwargs keywords);
 
-    void take(const Argument& argument, AnyArray& array) override;
+    void take_array(const Argument& argument, AnyArray& array) override;
     double take_number(const Argument& argument) override;
     Index take_count(const Argument& argument) override;
     bool take_flag(const Argument& argument) override;
@@ -69,7 +69,7 @@ class Call : public Arguments {
 // function runs.
 class Signature : public Arguments {
   public:
-    void take(const Argument& argument, AnyArray& array) override;
+    void take_array(const Argument& argument, AnyArray& array) override;
     double take_number(const Argument& argument) override {
         return add(argument, "float"), 0;
     }

@@ -56,7 +56,8 @@ bool read_number(std::string_view cell, double& number) {
 
 }  // namespace
 
-// The numbers of cells, and whether each was read; the others are left to Python.
+// Read the cells that are plain decimal numbers, and say which; the others are left to
+// Python.
 void read_csv_numbers(const CsvNumbersData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     for (Index n = 0; n < data.starts.size[0]; ++n) {
@@ -65,7 +66,8 @@ void read_csv_numbers(const CsvNumbersData& data) {
     }
 }
 
-// Texts are numbered as they come. Returns how many there are.
+// Give each cell the number of its text, texts numbered as they come; returns how many
+// texts there are.
 //
 // In most tables a text is followed by the one that followed it before: the item of the
 // row before, or the next landmark. Only others are looked up.

@@ -44,7 +44,7 @@ void Team::run(Index threads) {
     if (failure_) std::rethrow_exception(failure_);
 }
 
-// One after another, as long as there is memory for one more.
+// Start helpers one after another, as long as there is memory for one more.
 void Team::hire(Index helpers) {
     threads_.reserve(std::max<Index>(0, helpers));
     returned_.reserve(threads_.capacity());
@@ -60,7 +60,7 @@ void Team::hire(Index helpers) {
     }
 }
 
-// The work of the calling thread: ranges, until none is left and all helpers are done.
+// Do ranges on the calling thread, until none is left and all helpers are done.
 void Team::lead() {
     const Watch watch(call_, true);
     Range range;
@@ -69,7 +69,7 @@ void Team::lead() {
     } while (await_helpers());
 }
 
-// The work of another thread; without memory it gives its range back.
+// Do ranges on another thread; without memory it gives its range back.
 void Team::help() {
     const Watch watch(call_, false);
     begin();
@@ -84,7 +84,7 @@ void Team::help() {
     leave();
 }
 
-// A helper has begun, with all memory that it needs.
+// Note that a helper has begun, with all memory that it needs.
 void Team::begin() {
     std::uncaught_exceptions();  // has memory of its own in each thread, taken here
     const std::lock_guard<std::mutex> lock(guard_);
@@ -125,14 +125,14 @@ void Team::give_back(Range range) {
     returned_.push_back(range);
 }
 
-// The exception that is being handled ends the call.
+// End the call with the exception that is being handled.
 void Team::fail() {
     const std::lock_guard<std::mutex> lock(guard_);
     if (!failure_) failure_ = std::current_exception();
     call_.end();
 }
 
-// A helper has ended.
+// Note that a helper has ended.
 void Team::leave() {
     const std::lock_guard<std::mutex> lock(guard_);
     --helpers_;

@@ -122,7 +122,7 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
     for (Index c = 0; c < count; ++c) norms += norm[c];
 }
 
-// Frame and prox of blocks c, c + 1, ...
+// Find the singular vectors and the prox of blocks c, c + 1, ... c + WIDTH - 1.
 void ActiveBlocks::svd_and_prox(Index c, double t) {
     const Index n = capacity;
     const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c),
@@ -191,7 +191,7 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
 
 // Row r of block c is (top . B, low . B): top and low in the coordinates of B, three
 // numbers each.
-void ActiveBlocks::lay_directions(double sigma, const double* moved) {
+void ActiveBlocks::find_directions(double sigma, const double* moved) {
     const Index n = capacity;
     const Doubles none = {};
     for (Index c = 0; c < count; c += WIDTH) {

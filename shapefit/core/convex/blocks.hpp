@@ -118,15 +118,15 @@ struct ActiveBlocks {
     void find(const double* M, const double* N, double sigma, double t,
               const double* total, Index k);
 
-    // Weights of the directions; after `find`, with the same t.
+    // Set the weights of the directions; after `find`, with the same t.
     void weigh(double t, Weighing weighing);
 
-    // The directions T (2, 3) with sum_T (T B_i)^T (T B_i) = sigma B_i^T W B_i, W the
-    // weights, and a right-hand side for each: 0, or, where `moved` (6, capacity) is
-    // given, -sqrt(weight / sigma) <direction, moved>.
-    void lay_directions(double sigma, const double* moved);
+    // Find the directions T (2, 3) with sum_T (T B_i)^T (T B_i) = sigma B_i^T W B_i, W
+    // the weights, and a right-hand side for each: 0, or, where `moved` (6, capacity)
+    // is given, -sqrt(weight / sigma) <direction, moved>.
+    void find_directions(double sigma, const double* moved);
 
-    // Of block c: four where f1 = f2.
+    // The number of directions of block c: four where f1 = f2, else six.
     int directions(Index c) const { return weight[4 * capacity + c] == 0 ? 4 : 6; }
     // Entry e of a direction of all blocks, and its right-hand side as entry 6.
     const double* number(int direction, int e) const {

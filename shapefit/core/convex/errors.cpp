@@ -112,7 +112,7 @@ void SparseErrors::append_rows(Index first, ShiftedGram& gram) const {
         }
 }
 
-// A diagonal and a term of rank two for each axis.
+// Write the curvature of the errors: a diagonal and a term of rank two for each axis.
 void SparseErrors::write_matrix(double shift, double* C) const {
     const Index q = reduction_->coordinates(), n = 2 * q;
     const double* h = reduction_->h.data;

@@ -39,7 +39,7 @@ class SparseErrors {
 
     SparseErrors(Workspace& workspace, Index p);
 
-    // The image: E (2, p) in landmark space, overwritten, and its bounds (p,).
+    // Turn to an image: its E (2, p) in landmark space, overwritten, and bounds (p,).
     void attach(const Reduction& reduction, const double* bounds, double* E);
 
     // Take up y (2, q), with rho_j bound_j = threshold.
@@ -48,12 +48,14 @@ class SparseErrors {
     double value(double step) const;
     // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
     ErrorsPoint find(double* g, Index q);
-    // bound |fresh E|, with what the gradient leaves of the landmarks where no
+    // The loss bound |fresh E|, with what the gradient leaves of the landmarks where no
     // quadratic takes it.
     double penalty(const double* g, Index q, bool quadratic);
-    // The direction d (2, q) of y as D, and a step along it.
+    // Set D to the direction d (2, q) of y.
     void aim(const double* d, Index q);
+    // Y += length D.
     void step(double length);
+    // E <- fresh E.
     void accept();
 
     // The second derivative sum_am c_am f f^T, c (2, p) of the visible landmarks in

@@ -174,7 +174,7 @@ class Lagrangian {
         return moved;
     }
 
-    // Of the proximal point and of y, scaled until it is feasible.
+    // The gap of the proximal point to the bound by y, scaled until it is feasible.
     double relative_gap(double share, double gradient) {
         const bool quadratic = program_.delta > 0;
         double residual = 0;
@@ -219,7 +219,7 @@ class Lagrangian {
         ShiftedGram& gram = work_.gram;
         const bool quadratic = program_.delta > 0;
         active.weigh(threshold(), Weighing::derivative);
-        active.lay_directions(sigma_, nullptr);
+        active.find_directions(sigma_, nullptr);
         const double shift =
             quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
         if (quadratic && !Errors::robust) {
@@ -303,7 +303,7 @@ void build_system(const ReducedProgram& program, const Iterate& iterate, double 
     for (Index j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
     active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(),
                         program.q());
-    active.lay_directions(sigma, work.moved);
+    active.find_directions(sigma, work.moved);
 }
 
 // M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.

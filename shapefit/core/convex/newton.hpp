@@ -73,7 +73,7 @@ struct NewtonWorkspace {
     NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
                     Index further_rows);
 
-    // The atoms have changed, and are seen by q coordinates.
+    // Make room for other atoms, of q coordinates.
     void begin_atoms(Index q);
 };
 

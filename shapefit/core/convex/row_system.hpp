@@ -23,11 +23,11 @@ class RowSystem {
   public:
     RowSystem(Workspace& workspace, Index padded_atoms);
 
-    // The atoms have changed.
+    // Forget all products of atoms, as these have changed.
     void clear() { products_.clear(); }
 
-    // x from r (2, q), for the directions that the blocks have laid. False, and nothing
-    // done, where the system is better solved with the rows written.
+    // x from r (2, q), for the directions that the blocks have found. False, and
+    // nothing done, where the system is better solved with the rows written.
     bool solve(const ActiveBlocks& active, double shift, const double* r, double* x,
                ReducedAtoms& atoms, ShiftedGram& gram);
 

@@ -1,6 +1,6 @@
 // The convex programs of data.hpp for a block of images, each solved from its
-// neighbour's solution where that fits_landmarks it, and their certificates (P - D) /
-// P.
+// neighbour's solution where that fits its landmarks, and their certificates
+// (P - D) / P.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -256,7 +256,7 @@ class BlockSolver {
         const bool near = start(same_mask, reduced.lam);
         Index steps = solve_reduced(image, reduced, near, 0);
         shift_solutions(same_mask);
-        write(image);
+        write_point(image);
         set_status(image);
         if (task_.end.status[image] == Status::ITERATION_LIMIT &&
             steps < reduced.max_steps) {
@@ -264,7 +264,7 @@ class BlockSolver {
             scale_errors_to_solver(image);
             steps += solve_reduced(image, reduced, false, steps);
             store_last();
-            write(image);
+            write_point(image);
             set_status(image);
         }
         task_.end.steps[image] = steps;
@@ -315,7 +315,7 @@ class BlockSolver {
         }
     }
 
-    // The first iterate; returns whether it is the solution of a neighbour with the
+    // Set the first iterate; returns whether it is the solution of a neighbour with the
     // same weights.
     bool start(bool same_mask, double lam) {
         const bool known = last_.known && start_from_last(same_mask);
@@ -356,8 +356,8 @@ class BlockSolver {
         return dot(left, left, n) < MAX_UNEXPLAINED_SHARE * dot(w_, w_, n);
     }
 
-    // Those of the transforms M (6, padded) that are not 0; beyond the atoms nothing
-    // counts.
+    // Set `active_` to the transforms of M (6, padded) that are not 0; beyond the atoms
+    // nothing counts.
     void list_active(const double* M) {
         active_.count = 0;
         for (Index i = 0; i < padded_; i += WIDTH) {
@@ -373,7 +373,7 @@ class BlockSolver {
                 active_.blocks[6 * c + e] = M[e * padded_ + active_.atom[c]];
     }
 
-    // M = 0 and the multiple of w that is dual feasible.
+    // Start from M = 0 and the multiple of w that is dual feasible.
     void start_cold(double lam) {
         memset(iterate_.M, 0, sizeof(double) * 6 * padded_);
         correlate(atoms_.planes, w_, w_ + q(), work_.N);
@@ -382,7 +382,8 @@ class BlockSolver {
         for (Index j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
     }
 
-    // Newton steps, `taken` of which came before.
+    // Solve from the iterate, after `taken` Newton steps; returns how many it took
+    // more.
     Index solve_reduced(Index image, const ReducedProgram& reduced, bool near,
                         Index taken) {
         if (robust()) {
@@ -409,7 +410,7 @@ class BlockSolver {
         store_last();
     }
 
-    // The iterate as the last solution.
+    // Store the iterate as the last solution, in the units of the data.
     void store_last() {
         const double scale = units_.transforms();
         for (Index e = 0; e < 6 * padded_; ++e) last_.M[e] = iterate_.M[e] * scale;
@@ -418,8 +419,9 @@ class BlockSolver {
             reduction_.expand(last_.y + a * q(), Y_ + a * p_, p_);
     }
 
-    // Back to the landmarks of the image.
-    void write(Index image) {
+    // Write the dual point Y and the errors E of the last solution, for all landmarks
+    // of the image, and list its transforms.
+    void write_point(Index image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
             double *E = task_.point.errors[image][a].data,
@@ -484,7 +486,7 @@ class BlockSolver {
                sizeof(double) * 6 * count);
     }
 
-    // Too few landmarks are seen: nothing is solved.
+    // State that too few landmarks of the image are seen to solve anything.
     void set_degenerate(Index image) {
         task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;

@@ -27,7 +27,7 @@ struct Best {
     }
 };
 
-// Descents from the given starts and from the best root vertices.
+// Set `best` by descents from the given starts and from the best root vertices.
 void find_upper_bound(const GlobalData& data, Index image, RotationObjective& objective,
                       Vertices& vertices, Best& best) {
     const Index given = data.starts.size[1];
@@ -64,7 +64,7 @@ void find_upper_bound(const GlobalData& data, Index image, RotationObjective& ob
 }
 
 // Where a search ended: the bound, and whether all cells were dropped.
-struct Ended {
+struct SearchEnd {
     double bound;
     bool complete;
 };
@@ -94,8 +94,8 @@ class DroppedCells {
 };
 
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, Index max_cells, RotationObjective& objective,
-             CellSearch& cells, Best& best, DroppedCells& dropped) {
+SearchEnd search(double gap, Index max_cells, RotationObjective& objective,
+                 CellSearch& cells, Best& best, DroppedCells& dropped) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
     int edge = 0, middle = 0;
@@ -126,19 +126,19 @@ Ended search(double gap, Index max_cells, RotationObjective& objective,
 
 // Search with the gap asked for, and where the limit is reached with looser ones, on as
 // many cells again at most: what a search that was cut short proves is little.
-Ended search_within_limits(const GlobalData& data, RotationObjective& objective,
-                           CellSearch& cells, Best& best, DroppedCells& dropped) {
-    const Ended first =
+SearchEnd search_within_limits(const GlobalData& data, RotationObjective& objective,
+                               CellSearch& cells, Best& best, DroppedCells& dropped) {
+    const SearchEnd first =
         search(data.tolerance, data.max_cells, objective, cells, best, dropped);
     if (first.complete) return first;
     double bound = first.bound;
     Index remaining = data.max_cells;
     for (double gap = GAP_GROWTH * data.tolerance; gap < 1; gap *= GAP_GROWTH) {
         const Index before = cells.tested;
-        const Ended ended =
+        const SearchEnd end =
             search(gap, before + remaining / 2, objective, cells, best, dropped);
-        bound = larger(ended.bound, bound);
-        if (ended.complete) break;
+        bound = larger(end.bound, bound);
+        if (end.complete) break;
         remaining -= cells.tested - before;
     }
     return {smaller(bound, best.objective), false};
@@ -168,15 +168,16 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         DroppedCells dropped(data, image);
-        const Ended ended = search_within_limits(data, objective, cells, best, dropped);
+        const SearchEnd end =
+            search_within_limits(data, objective, cells, best, dropped);
         const Rotation R = rotation_of(best.q);
         data.objective[image] = objective.value(R);
         objective.coefficients().write(data.coefficients[image]);
         R.write(data.rotation[image].data);
-        data.bound[image] = larger(0, ended.bound - ROUNDING * objective.square);
+        data.bound[image] = larger(0, end.bound - ROUNDING * objective.square);
         data.cells[image] = cells.tested;
         data.vertices[image] = cells.vertices.count();
-        data.status[image] = ended.complete ? Status::OPTIMAL : Status::ITERATION_LIMIT;
+        data.status[image] = end.complete ? Status::OPTIMAL : Status::ITERATION_LIMIT;
     }
 }
 

@@ -126,9 +126,9 @@ bool Vertices::reaches(Vertex& vertex) const {
 }
 
 Vertex& Vertices::add(const double* q, const Vertex* like) {
-    if (count_ == laid_) {
-        all_[laid_] = workspace_.zeros<Vertex>(1);
-        lay(*all_[laid_++]);
+    if (count_ == allocated_) {
+        all_[allocated_] = workspace_.zeros<Vertex>(1);
+        allocate(*all_[allocated_++]);
     }
     Vertex& vertex = *all_[count_++];
     ActiveSet& set = objective_.coefficients();
@@ -153,7 +153,7 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
 }
 
 // Allocate the arrays of a vertex.
-void Vertices::lay(Vertex& vertex) {
+void Vertices::allocate(Vertex& vertex) {
     const Index k = objective_.atoms.k;
     const Index row = padded(objective_.problem.atoms.size[2]);
     vertex.products =
@@ -255,7 +255,8 @@ struct Targets {
 };
 constexpr Targets TARGETS;
 
-// The signs of the corners are those of the hemisphere about the first.
+// Find the forms of a cell; the signs of its corners are those of the hemisphere about
+// the first.
 void find_forms(const Vertex* const* corner, Forms& forms) {
     double q[4][4];
     for (int a = 0; a < 4; ++a) {
@@ -354,7 +355,7 @@ constexpr int HALVINGS = 40;
 
 }  // namespace
 
-// A cell adds a vertex at most.
+// With room for a vertex of each cell, as it adds one at most.
 CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective,
                        const RootCells& roots, Index max_cells)
     : vertices(workspace, objective, ROOT_VERTICES + max_cells),

@@ -80,7 +80,7 @@ class Vertices {
     double cut() const { return cut_; }
 
   private:
-    void lay(Vertex& vertex);
+    void allocate(Vertex& vertex);
     void find_products(Vertex& vertex);
     void grow_table();
     Index* place_of_edge(uint64_t key);
@@ -89,7 +89,7 @@ class Vertices {
     RotationObjective& objective_;
     const Index most_;
     Vertex** all_;
-    int laid_ = 0, count_ = 0;
+    int allocated_ = 0, count_ = 0;  // of all_: with memory, and in use
     double cut_ = 0;
     Index number_of_cut_ = 0;
     uint64_t* keys_ = nullptr;  // of the edges whose middle is known: open addressing
@@ -119,7 +119,7 @@ struct Verdict {
 
 constexpr int TRIPLES = 20;
 
-// Of four vertices that reach the cut, in any signs.
+// Judge the cell of four vertices that reach the cut, in any signs.
 Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner);
 
 class CellSearch {
@@ -131,7 +131,7 @@ class CellSearch {
     // them.
     void begin();
 
-    // Lay the vertices of the 600-cell for the image that the objective is turned to.
+    // Begin another image, that of the objective, with the vertices of the 600-cell.
     void begin_image();
 
     // The next cell; false where none is left.

@@ -29,9 +29,9 @@ class Refinement {
           equations_(workspace, shapes_),
           positions_{{workspace, shapes_}, {workspace, shapes_}} {}
 
-    // The softness halves from 1 to its last value, so that many landmarks pull while
-    // the pose is still coarse. DEGENERATE where a landmark begins behind the camera:
-    // no step is taken from there.
+    // Refine an image, and write its result. The softness halves from 1 to its last
+    // value, so that many landmarks pull while the pose is still coarse. DEGENERATE
+    // where a landmark begins behind the camera: no step is taken from there.
     void refine(Index image) {
         observations_.take(data_, image);
         Unknowns& start = here().at;

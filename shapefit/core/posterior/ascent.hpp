@@ -179,8 +179,8 @@ Lanes take_last_step(Ascent<Lanes>& at) {
     return select(small, gain, Lanes{});
 }
 
-// The first values, at the views where the lanes start; inlier probabilities come from
-// the other landmarks.
+// Evaluate the lanes at the views where they start; inlier probabilities come from the
+// other landmarks.
 template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
@@ -199,10 +199,11 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
     at.predicted_gain = propose(at, step);
 }
 
-// Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the
-// gradient does (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead
-// downhill. A lane that stands still has arrived. Where every landmark is an outlier
-// the likelihood grows with the scale for ever: there steps end at `largest`.
+// Take at most `rounds` steps of Newton's kind, whose curvature is Gauss and Newton's,
+// mended by what the gradient does (Broyden, Fletcher, Goldfarb, Shanno); damped where
+// they would lead downhill. A lane that stands still has arrived. Where every landmark
+// is an outlier the likelihood grows with the scale for ever: there steps end at
+// `largest`.
 template <class Lanes>
 void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index rounds,
             AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
@@ -279,8 +280,8 @@ void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed,
     }
 }
 
-// Newton's last step. A lane is still moving where it is not small: it stands on no
-// stationary point.
+// Take Newton's last step. A lane is still moving where it is not small: it stands on
+// no stationary point.
 template <class Lanes>
 void finish(Ascent<Lanes>& at) {
     Lanes* H = at.curvature;

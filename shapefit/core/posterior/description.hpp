@@ -4,13 +4,13 @@
 // points, L the Cholesky factor of S_0, B = S_0^-1 1 and G the covariance of the
 // translation (likelihood.hpp):
 //
-//     X = R mu + K^T alpha,    t = G 1^T S_0^-1 r,    y = s (X + t),    with U = 1 -
-//     K^T B cov y = s^2 (R C R^T - (L^-1 K)^T (L^-1 K) + U G U^T) + J^T (H + I)^-1 J
+//     X = R mu + K^T alpha,    t = G 1^T S_0^-1 r,    y = s (X + t),
+//     cov y = s^2 (R C R^T - (L^-1 K)^T (L^-1 K) + U G U^T) + J^T (H + I)^-1 J
 //
-// with J the derivatives of y over theta. Those of X for a turn G_i of the camera frame
-// are G_i X - R C R^T G_i P^T alpha + K^T d(alpha), where d(alpha) = -S^-1 P of the
-// terms before; for log s d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha). The mean depth is
-// taken out of y.
+// with U = 1 - K^T B, and J the derivatives of y over theta. Those of X for a turn G_i
+// of the camera frame are G_i X - R C R^T G_i P^T alpha + K^T d(alpha), where d(alpha)
+// = -S^-1 P of the terms before; for log s d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha).
+// The mean depth is taken out of y.
 #pragma once
 
 #include "search.hpp"
@@ -35,12 +35,16 @@ struct Description {
         for (Index e = 0; e < 3 * p; ++e) row[e] = 3 * (e % p) + e / p;
     }
 
-    const Index p, d, n;  // coordinate a of landmark j is row 3 j + a
-    Index* place;         // of a landmark among those seen, or -1 (p,)
-    Index* row;           // of all x, then y, then z (3 p,)
-    Doubles *mean, *C, *K, *W, *U,
-        *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
-    Doubles *change, *white;  // (4, n)
+    const Index p, d, n;      // coordinate a of landmark j is row 3 j + a
+    Index* place;             // of a landmark among those seen, or -1 (p,)
+    Index* row;               // of all x, then y, then z (3 p,)
+    Doubles* mean;            // R mu, then X + t, at last y (d,)
+    Doubles* C;               // R C R^T, at last cov y (d, d)
+    Doubles* K;               // K^T (d, n)
+    Doubles* W;               // (L^-1 K)^T (d, n)
+    Doubles* U;               // (d, 2)
+    Doubles* J;               // (4, d)
+    Doubles *change, *white;  // d(alpha), and L^-1 times its right side (4, n)
 };
 
 // sum_i a_i b_i, lane by lane.
@@ -58,8 +62,8 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
     out[c] = x[b];
 }
 
-// Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the
-// turns' J.
+// Write the columns of K of landmark j, which is seen, at landmark k, and add its term
+// - R C R^T G_i P^T alpha to J there; Q (3, 3) is the block (k, j) of R C R^T.
 inline void relate(const Observed<Doubles>& observed, Index k, Index j,
                    const Doubles* Q, const Doubles* alpha, Index n, Description& to) {
     const Index e = 2 * to.place[j];
@@ -77,11 +81,14 @@ inline void relate(const Observed<Doubles>& observed, Index k, Index j,
     }
 }
 
-// R C R^T, K and the means, of the components of the lanes.
-inline void turn_components(const PosteriorData& data, const Side<Doubles>& side,
+// Turn the component of each lane into the camera frame of its view: the mean is R mu,
+// C is R C R^T, and K follows from it and alpha (n,); J begins with the terms
+// - R C R^T G_i P^T alpha of the turns, and `place` is filled.
+inline void turn_components(const PosteriorData& data,
+                            const LaneWorkspace<Doubles>& lanes,
                             const LaneView<Doubles>& view, const Doubles* alpha,
                             Index n, Description& to) {
-    const Observed<Doubles>& observed = side.observed;
+    const Observed<Doubles>& observed = lanes.observed;
     const RotationOf<Doubles>& R = view.R;
     for (Index e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
     for (Index e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
@@ -96,7 +103,7 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
                      : copied;
             for (int e = 0; !seen && e < 9 * WIDTH; ++e)
                 copied[e / WIDTH][e % WIDTH] =
-                    data.covariances[side.component[e % WIDTH]]
+                    data.covariances[lanes.component[e % WIDTH]]
                                     [e / WIDTH / 3 * to.p + k]
                                     [e / WIDTH % 3 * to.p + j];
             for (int a = 0; a < 3; ++a)
@@ -117,12 +124,13 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
         Doubles mu[3];
         for (int e = 0; e < 3 * WIDTH; ++e)
             mu[e / WIDTH][e % WIDTH] =
-                data.means[side.component[e % WIDTH]][e / WIDTH][j];
+                data.means[lanes.component[e % WIDTH]][e / WIDTH][j];
         for (int a = 0; a < 3; ++a) to.mean[3 * j + a] = inner3<Doubles>(R + 3 * a, mu);
     }
 }
 
-// J less s, and the mean becomes X + t.
+// Add to J all other terms of the derivatives of y / s, and let the mean, R mu + K^T
+// alpha, become X + t.
 inline void differentiate_points(const Observed<Doubles>& observed, const Doubles* q,
                                  Doubles shrunk, const Translation<Doubles>& t,
                                  const LikelihoodSpace<Doubles>& space, Index n,
@@ -169,7 +177,8 @@ inline void differentiate_points(const Observed<Doubles>& observed, const Double
     }
 }
 
-// Take the mean depth out of rows x, `stride` apart, of `count` numbers each.
+// Subtract from each column of x (3 p, count) the mean of its depths, the rows 3 j + 2,
+// from these; rows begin `stride` numbers apart.
 inline void centre_depth(Doubles* x, Index p, Index stride, Index count) {
     for (Index i = 0; i < count; ++i) {
         Doubles mean = {};
@@ -179,9 +188,10 @@ inline void centre_depth(Doubles* x, Index p, Index stride, Index count) {
     }
 }
 
-// C (3 p, 3 p) <- cov y; all of it or, for each landmark, that of its coordinates.
-inline void add_up(const Translation<Doubles>& t, Doubles size, Index n, bool whole,
-                   Description& to) {
+// C <- cov y (3 p, 3 p) from its terms; the whole or only the blocks (3, 3) of each
+// landmark.
+inline void add_terms(const Translation<Doubles>& t, Doubles size, Index n, bool whole,
+                      Description& to) {
     const auto add = [&](Index e, Index f, Doubles less) {
         const Doubles *u = to.U + 2 * e, *v = to.U + 2 * f;
         Doubles total = to.C[e * to.d + f] - less + u[0] * (t.xx * v[0] + t.xy * v[1]) +
@@ -204,13 +214,14 @@ inline void add_up(const Translation<Doubles>& t, Doubles size, Index n, bool wh
         }
 }
 
-// Mean and covariance at a view per lane, with the inlier probabilities q (m,); `root`
-// is W (4, 4) with W^T W = (H + I)^-1, one a lane.
-inline void describe(const PosteriorData& data, const Side<Doubles>& side,
+// Mean and covariance of all landmarks at the view of each lane. q (m,): the inlier
+// probabilities; root_of (4, 4): W with W^T W = (H + I)^-1; `whole`: not only the
+// blocks (3, 3) of each landmark.
+inline void describe(const PosteriorData& data, const LaneWorkspace<Doubles>& lanes,
                      const LaneView<Doubles>& view, const Doubles* q,
                      const Doubles* root_of, bool whole, Description& to) {
-    const Observed<Doubles>& observed = side.observed;
-    const LikelihoodSpace<Doubles>& space = side.space.likelihood;
+    const Observed<Doubles>& observed = lanes.observed;
+    const LikelihoodSpace<Doubles>& space = lanes.space.likelihood;
     const Index n = tiled(2 * observed.m);
     const Doubles shrink = exponential(-view.log_scale), size = 1.0 / (shrink * shrink);
     centre(observed, view, shrink, space);
@@ -218,7 +229,7 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side,
     factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Doubles> t = solve(n, space);
-    turn_components(data, side, view, space.alpha, n, to);
+    turn_components(data, lanes, view, space.alpha, n, to);
     const Doubles none{}, one = all(1.0);
     for (Index e = 0; e < 3 * to.p; ++e)
         to.mean[e] += dot(to.K + e * n, space.alpha, n);
@@ -244,7 +255,7 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side,
     centre_depth(to.U, to.p, 2, 2);
     for (int i = 0; i < VIEW; ++i) centre_depth(to.J + i * to.d, to.p, 1, 1);
     centre_depth(to.mean, to.p, 1, 1);
-    add_up(t, size, n, whole, to);
+    add_terms(t, size, n, whole, to);
     for (Index e = 0; e < 3 * to.p; ++e) to.mean[e] /= shrink;
 }
 

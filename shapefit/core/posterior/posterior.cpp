@@ -53,10 +53,10 @@ struct Modes {
     Index count = 0;  // of order
 };
 
-// The point on which ascent i ended, with its evidence; no direction of its view is
-// less than flat.
+// Set `mode` to the point on which ascent i ended, with its evidence; no direction of
+// its view counts as less than flat.
 void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode) {
-    Ascent<Doubles>& at = search.arrived[i];
+    Ascent<Doubles>& at = search.finished[i];
     const Index lane = i % WIDTH;
     double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;  // of H + I
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
@@ -66,7 +66,7 @@ void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode)
             axes[e] / root(larger(values[e / VIEW], 0.0) + CURVATURE_OF_PRIOR);
     for (double value : values) log_det += log(larger(value, 0.0) + CURVATURE_OF_PRIOR);
     mode.stationary = values[0] > 1e-6 && !(at.moving[lane] > 0);
-    mode.origin = search.arrived.origin[i];
+    mode.origin = search.finished.origin[i];
     mode.component = mode.origin.pair % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
@@ -201,8 +201,8 @@ void store(const PosteriorData& data, const Group& group, const Mode& mode, Inde
         inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
-// Shares of the evidence of an image, and what is a mean over its modes, the last from
-// `first` on.
+// Set the shares of the modes of an image, the last from `first` on, and what is a mean
+// over them.
 void share_out(const PosteriorData& data, const Group& group, const Modes& modes,
                Index first) {
     const Index image = group.image[modes[first].origin.slot], last = modes.count;
@@ -230,7 +230,7 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
 
 // Describe the modes from `first` on, one a lane; lanes without one stand for the last.
 void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
-                    Index first, bool whole, Side<Doubles>& side,
+                    Index first, bool whole, LaneWorkspace<Doubles>& lanes,
                     Description& description) {
     check_interrupt();
     LaneView<Doubles> view;
@@ -244,10 +244,10 @@ void describe_modes(const PosteriorData& data, const Group& group, const Modes& 
         view.log_scale[lane] = mode.log_scale;
         for (int e = 0; e < VIEW * VIEW; ++e) root_of[e][lane] = mode.root[e];
         for (Index j = 0; j < group.m; ++j)
-            side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
+            lanes.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
-    fetch(data, group, origin, side);
-    describe(data, side, view, side.space.inlier_probability, root_of, whole,
+    fetch(data, group, origin, lanes);
+    describe(data, lanes, view, lanes.space.inlier_probability, root_of, whole,
              description);
 }
 
@@ -268,7 +268,7 @@ struct Reweighed {
         mixture.add([&](Index e, Index f) { return share * C(e, f); });
     }
 
-    // Shares that add up to 1, and what follows from them for the image.
+    // Scale the shares to a sum of 1, and write what follows from them for the image.
     void finish(const PosteriorData& data, const Modes& modes, Index first, Index last,
                 Index image) {
         double total = 0;
@@ -288,11 +288,11 @@ struct Reweighed {
     double& least;
 };
 
-// The mixtures of the images of a group, by the evidence of their modes, several of
-// them described at once. Modes are stored as they are without lengths of limbs.
+// Write the mixtures of the images of a group, by the evidence of their modes, several
+// of them described at once. Modes are stored as they are without lengths of limbs.
 void combine(const PosteriorData& data, const Group& group, const Modes& modes,
-             Side<Doubles>& side, Description& description, LimbLengths& limbs,
-             double* covariance) {
+             LaneWorkspace<Doubles>& lanes, Description& description,
+             LimbLengths& limbs, double* covariance) {
     const Index d = 3 * data.landmarks.size[2],
                 most_stored = data.mode_component.size[1];
     const auto image_of = [&](Index i) { return group.image[modes[i].origin.slot]; };
@@ -303,7 +303,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         Mixture mixture(data, image);
         if (lane == 0) {
             const bool whole = mixture.whole || most_stored || limbs.known();
-            describe_modes(data, group, modes, i, whole, side, description);
+            describe_modes(data, group, modes, i, whole, lanes, description);
         }
         const auto C = [&](Index e, Index f) {
             return description
@@ -338,21 +338,22 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
     }
 }
 
-// The posteriors of a group of images, all in double precision where `precise`.
+// Write the posteriors of a group of images, all in double precision where `precise`.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
                 Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
-    for (Index i = 0; i < search.arrived.count; ++i)
+    for (Index i = 0; i < search.finished.count; ++i)
         weigh(data, search, i, modes.modes[i]);
     modes.count = 0;
     for (Index slot = 0; slot < group.count; ++slot) {
         const Index before = modes.count;
-        if (precise || !group.failed[slot]) rank(modes, search.arrived.count, slot);
+        if (precise || !group.failed[slot]) rank(modes, search.finished.count, slot);
         if (modes.count > before) share_out(data, group, modes, before);
         else fail(data, group.image[slot]);
     }
-    combine(data, group, modes, search.late, description, limbs, covariance);
+    combine(data, group, modes, search.double_precision, description, limbs,
+            covariance);
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 // start R under every component k of the mixture, L the log likelihood of
 // likelihood.hpp.
 //
-// Ascents run side by side, one a lane. Those that have finished are dropped, so that
+// Ascents run side by side, one a lane. Those that have finished are taken out, so that
 // blocks of lanes stay full; no lane knows of its neighbours.
 #pragma once
 
@@ -11,7 +11,7 @@
 namespace shapefit {
 
 constexpr Index MAX_ASCENTS = 512;   // of a group of more than one image
-constexpr Index ROUNDS_AT_ONCE = 2;  // after which finished ascents are dropped
+constexpr Index ROUNDS_AT_ONCE = 2;  // after which finished ascents are taken out
 // Rounds in single precision; what takes longer starts again in double.
 constexpr Index MAX_SINGLE_ROUNDS = 16;
 constexpr Index MAX_ROUNDS = 200;  // in double
@@ -42,7 +42,8 @@ struct Group {
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
-    // The first image of a range that is not yet `taken`, and those like it.
+    // Fill the group with the first image of a range that is not yet `taken` and with
+    // those that see the same landmarks; an empty one where all are taken.
     void collect(const PosteriorData& data, Range range, bool* taken) {
         const auto sees = [&](Index i, Index j) {
             return is_finite(data.residual_variance[i][j]);
@@ -62,7 +63,7 @@ struct Group {
             if (sees(image[0], j)) index[m++] = j;
     }
 
-    // Only those that have failed stay.
+    // Drop the images that have not failed.
     void retain_failed() {
         const Index before = count;
         count = 0;
@@ -125,8 +126,8 @@ struct Ascents {
 
 // What the lanes of one precision work with.
 template <class Lanes>
-struct Side {
-    Side(Workspace& workspace, const PosteriorData& data, Index ascents)
+struct LaneWorkspace {
+    LaneWorkspace(Workspace& workspace, const PosteriorData& data, Index ascents)
         : observed(workspace, data.means.size[2]),
           space(workspace, data.means.size[2]),
           ascents(workspace, ascents, data.means.size[2]) {}
@@ -137,35 +138,36 @@ struct Side {
     Ascents<Lanes> ascents;
 };
 
-// Ascents begin in single precision; their end, and those that take long, are in
-// double, as is everything where single precision fails.
+// The ascents of a group. They begin in single precision; their end, and those that
+// take long, are in double, as is everything where single precision fails.
 struct Search {
+    // Room for all ascents of the images that are lifted together.
     Search(Workspace& workspace, const PosteriorData& data)
         : group(workspace, data),
-          going(workspace, data, group.capacity * ascents_per_image(data)),
-          late(workspace, data, group.capacity * ascents_per_image(data)),
-          arrived(workspace, group.capacity * ascents_per_image(data),
-                  data.means.size[2]) {}
+          single_precision(workspace, data, group.capacity * ascents_per_image(data)),
+          double_precision(workspace, data, group.capacity * ascents_per_image(data)),
+          finished(workspace, group.capacity * ascents_per_image(data),
+                   data.means.size[2]) {}
 
     Group group;
-    Side<Singles> going;
-    Side<Doubles> late;
-    Ascents<Doubles> arrived;
+    LaneWorkspace<Singles> single_precision;
+    LaneWorkspace<Doubles> double_precision;
+    Ascents<Doubles> finished;
 };
 
-// Landmarks and component of each lane of a block, as far as they are seen.
+// Copy the image and the component of each lane of a block, where landmarks are seen.
 template <class Lanes>
 void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
-           Side<Lanes>& side) {
-    Observed<Lanes>& to = side.observed;
+           LaneWorkspace<Lanes>& lanes) {
+    Observed<Lanes>& to = lanes.observed;
     const Index p = data.means.size[2], m = group.m, *index = group.index;
     Index image[width<Lanes>];
     bool known = true;
     for (int lane = 0; lane < width<Lanes>; ++lane) {
         const Index k = origin[lane].pair % data.means.size[0];
         image[lane] = group.image[origin[lane].slot];
-        known = known && side.component[lane] == k;
-        side.component[lane] = k;
+        known = known && lanes.component[lane] == k;
+        lanes.component[lane] = k;
     }
     const auto fill = [](Lanes& to, const auto& of) {
         for (int lane = 0; lane < width<Lanes>; ++lane)
@@ -190,14 +192,14 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
     }
     for (Index e = 0; !known && e < 3 * m; ++e)
         fill(to.mean[e], [&](int lane) {
-            return data.means[side.component[lane]][e % 3][index[e / 3]];
+            return data.means[lanes.component[lane]][e % 3][index[e / 3]];
         });
     for (Index e = 0; !known && e < m; ++e)
         for (Index f = 0; f <= e; ++f)
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b)
                     fill(to.covariance[9 * (corner(e) + f) + 3 * a + b], [&](int lane) {
-                        return data.covariances[side.component[lane]][a * p + index[e]]
+                        return data.covariances[lanes.component[lane]][a * p + index[e]]
                                                [b * p + index[f]];
                     });
 }
@@ -232,7 +234,7 @@ inline double first_scale(const PosteriorData& data, const Group& group, Index i
     return larger(overlap / larger(square, TINY), larger(least, TINY));
 }
 
-// One more ascent, from its start.
+// Append an ascent from the start of its origin.
 template <class Lanes>
 void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
                 Ascents<Lanes>& ascents) {
@@ -247,8 +249,8 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
     ascents.origin[ascents.count++] = origin;
 }
 
-// Every start under every component, where three landmarks are seen; blocks in a row
-// have the same components.
+// Append ascents from every start under every component, where three landmarks are
+// seen; blocks in a row have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
     const Index K = data.means.size[0],
@@ -277,105 +279,107 @@ void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& 
     }
 }
 
-// Ascents that have converged leave, and so do those that cannot come near the best any
-// more.
+// Move ascents that have converged to `search.finished`, and drop those that cannot
+// come near the best any more.
 template <class Lanes>
-void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& going,
-                   Search& search) {
-    const Index count = going.count;
-    going.count = 0;
+void remove_finished(const PosteriorData& data, double margin, Ascents<Lanes>& ascents,
+                     Search& search) {
+    const Index count = ascents.count;
+    ascents.count = 0;
     for (Index i = 0; i < count; ++i) {
-        const Ascent<Lanes>& at = going[i];
+        const Ascent<Lanes>& at = ascents[i];
         const Index lane = i % width<Lanes>;
         const double most =
-            value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane];
-        if (!(most > search.group.best[going.origin[i].slot] - margin)) continue;
-        if (at.moving[lane] > 0) going.append(going, i);
-        else search.arrived.append(going, i);
+            value_of(data, ascents, i) + GAIN_FACTOR * at.predicted_gain[lane];
+        if (!(most > search.group.best[ascents.origin[i].slot] - margin)) continue;
+        if (at.moving[lane] > 0) ascents.append(ascents, i);
+        else search.finished.append(ascents, i);
     }
-    going.pad();
+    ascents.pad();
 }
 
-// At most so many rounds for all that have been placed.
+// Climb with all ascents of one precision, for so many rounds at most; what has
+// finished is moved to `search.finished`, or dropped.
 template <class Lanes>
 void run_ascents(const PosteriorData& data, Index rounds, double margin,
-                 Side<Lanes>& going, Search& search) {
-    Ascents<Lanes>& ascents = going.ascents;
+                 LaneWorkspace<Lanes>& lanes, Search& search) {
+    Ascents<Lanes>& ascents = lanes.ascents;
     ascents.pad();
     for (Index b = 0; b < ascents.blocks(); ++b) {
         check_interrupt();
-        fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
-        begin(data, going.observed, going.space, ascents.block(b));
+        fetch(data, search.group, ascents.origin + b * width<Lanes>, lanes);
+        begin(data, lanes.observed, lanes.space, ascents.block(b));
     }
     for (;; rounds -= ROUNDS_AT_ONCE) {
         note_best(data, ascents, search.group);
-        drop_finished(data, margin, ascents, search);
+        remove_finished(data, margin, ascents, search);
         if (!ascents.count || rounds <= 0) return;
         for (Index b = 0; b < ascents.blocks(); ++b) {
-            fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
-            ascent(data, going.observed, ROUNDS_AT_ONCE, going.space, ascents.block(b));
+            fetch(data, search.group, ascents.origin + b * width<Lanes>, lanes);
+            ascent(data, lanes.observed, ROUNDS_AT_ONCE, lanes.space, ascents.block(b));
         }
         for (Index i = 0; i < ascents.count; ++i)
             data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS_AT_ONCE;
     }
 }
 
-// The ascents that are `late`, then value and Hessian in double precision near the
-// best. An image has failed where none stands on a stationary point, or one is not
-// worth what its ascent took it for.
+// Run the ascents in double precision, then find value and Hessian in it at all that
+// finished near the best. An image has failed where none stands on a stationary point,
+// or one is not worth what its ascent took it for.
 inline void finish_all(const PosteriorData& data, double margin, Search& search) {
     Group& group = search.group;
-    Ascents<Doubles>& arrived = search.arrived;
-    Side<Doubles>& late = search.late;
+    Ascents<Doubles>& finished = search.finished;
+    LaneWorkspace<Doubles>& lanes = search.double_precision;
     for (Index slot = 0; slot < group.count; ++slot) group.best[slot] = -INFINITE;
-    note_best(data, arrived, group);
-    run_ascents(data, MAX_ROUNDS, margin, late, search);
-    for (Index i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
-    const Index count = arrived.count;
-    arrived.count = 0;
+    note_best(data, finished, group);
+    run_ascents(data, MAX_ROUNDS, margin, lanes, search);
+    for (Index i = 0; i < lanes.ascents.count; ++i) finished.append(lanes.ascents, i);
+    const Index count = finished.count;
+    finished.count = 0;
     for (Index i = 0; i < count; ++i)
-        if (value_of(data, arrived, i) > group.best[arrived.origin[i].slot] - margin)
-            arrived.append(arrived, i);
-    arrived.pad();
-    for (Index b = 0; b < arrived.blocks(); ++b) {
+        if (value_of(data, finished, i) > group.best[finished.origin[i].slot] - margin)
+            finished.append(finished, i);
+    finished.pad();
+    for (Index b = 0; b < finished.blocks(); ++b) {
         check_interrupt();
-        Ascent<Doubles>& at = arrived.block(b);
+        Ascent<Doubles>& at = finished.block(b);
         at.before = at.found.value;
-        fetch(data, group, arrived.origin + b * WIDTH, late);
-        settle(data, late.observed, late.space, at);
-        find_hessian(data, late.observed, late.space, at);
+        fetch(data, group, finished.origin + b * WIDTH, lanes);
+        settle(data, lanes.observed, lanes.space, at);
+        find_hessian(data, lanes.observed, lanes.space, at);
         finish(at);
     }
     for (Index slot = 0; slot < group.count; ++slot) {
         bool stands = false, agrees = true;
-        for (Index i = 0; i < arrived.count; ++i) {
+        for (Index i = 0; i < finished.count; ++i) {
             const double away =
-                arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
-            if (arrived.origin[i].slot != slot) continue;
-            stands = stands || !(arrived[i].moving[i % WIDTH] > 0);
+                finished[i].found.value[i % WIDTH] - finished[i].before[i % WIDTH];
+            if (finished.origin[i].slot != slot) continue;
+            stands = stands || !(finished[i].moving[i % WIDTH] > 0);
             agrees = agrees && magnitude(away) < MAX_DISAGREEMENT;
         }
         group.failed[slot] = !(stands && agrees);
     }
 }
 
-// Ascent from all starts of a group under every component. What has `arrived` is at
-// most `margin` below the best of its image, in log likelihood and weight; what is
-// still moving there ran out of rounds.
+// Ascent from all starts of a group under every component, in double precision alone
+// where `precise`. What has `finished` is at most `margin` below the best of its image,
+// in log likelihood and weight; what is still moving there ran out of rounds.
 inline void ascend_all(const PosteriorData& data, double margin, bool precise,
                        Search& search) {
-    Ascents<Singles>& going = search.going.ascents;
-    Ascents<Doubles>& late = search.late.ascents;
-    late.count = going.count = search.arrived.count = 0;
-    for (Index& k : search.going.component)
-        k = -1;  // what stands there is of another group
-    for (Index& k : search.late.component) k = -1;
+    Ascents<Singles>& singles = search.single_precision.ascents;
+    Ascents<Doubles>& doubles = search.double_precision.ascents;
+    singles.count = doubles.count = search.finished.count = 0;
+    // what stands there is of another group
+    for (Index& k : search.single_precision.component) k = -1;
+    for (Index& k : search.double_precision.component) k = -1;
     for (Index slot = 0; slot < search.group.count; ++slot)
         search.group.best[slot] = -INFINITE;
-    precise ? add_all(data, search.group, late) : add_all(data, search.group, going);
-    run_ascents(data, MAX_SINGLE_ROUNDS, margin, search.going, search);
-    for (Index i = 0; i < going.count; ++i)
-        add_ascent(data, search.group, going.origin[i], late);
+    if (precise) add_all(data, search.group, doubles);
+    else add_all(data, search.group, singles);
+    run_ascents(data, MAX_SINGLE_ROUNDS, margin, search.single_precision, search);
+    for (Index i = 0; i < singles.count; ++i)
+        add_ascent(data, search.group, singles.origin[i], doubles);
     finish_all(data, margin, search);
 }
 

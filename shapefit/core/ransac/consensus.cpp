@@ -252,8 +252,8 @@ template <class Number, class Visit>
                          : zero - INFINITE;
 }
 
-// Of one pose, with inside (count,) = 1 for the landmarks in its tolerance, else 0;
-// none is where the gain is -infinity.
+// The gain of one pose, with inside (count,) = 1 for the landmarks in its tolerance,
+// else 0; none is where the gain is -infinity.
 double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose,
                     const Tolerance& tolerance, double* __restrict inside) {
     const double gain =
@@ -273,7 +273,7 @@ struct Moments {
     double origin[2];  // of the landmarks
 };
 
-// inside (count,) is 1 for inliers, else 0.
+// The moments of the inliers, the landmarks with inside (count,) = 1, else 0.
 Moments find_moments(const VisibleLandmarks& visible, const double* inside) {
     Moments moments{};
     const double* w[2] = {visible.x, visible.y};

@@ -32,6 +32,7 @@ struct AlternationData {
 
 namespace {
 
+// What the alternation of one image works with.
 struct Alternation {
     Alternation(Workspace& workspace, Tensor<const double> all)
         : image(workspace, all),
@@ -43,15 +44,17 @@ struct Alternation {
     double* shape;  // (3, row)
 };
 
-struct Ended {
+// The local minimum that an alternation ended at.
+struct AlternationEnd {
     double objective;
     Index rounds;
     bool converged;
 };
 
-// Alternate from R and c = 0.
-Ended alternate_image(const AlternationData& data, double lam, Alternation& work,
-                      Rotation& R) {
+// Alternate from R and c = 0 until the objective hardly falls; R becomes the rotation
+// of the local minimum, and `work.step.set` holds its coefficients.
+AlternationEnd alternate_image(const AlternationData& data, double lam,
+                               Alternation& work, Rotation& R) {
     const Index row = work.image.atoms.row;
     const double *w = work.image.w, *S = work.shape;
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
@@ -82,14 +85,14 @@ void alternate_starts(const AlternationData& data, Index image, Alternation& wor
     if (data.lam[image] < MIN_LAMBDA) return;
     for (Index start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
-        const Ended ended = alternate_image(data, data.lam[image], work, R);
-        data.rounds[image] += ended.rounds;
-        if (!(ended.objective < least)) continue;
-        least = ended.objective;
+        const AlternationEnd end = alternate_image(data, data.lam[image], work, R);
+        data.rounds[image] += end.rounds;
+        if (!(end.objective < least)) continue;
+        least = end.objective;
         work.step.set.write(data.coefficients[image]);
         R.write(data.rotation[image].data);
         data.status[image] =
-            ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
+            end.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
 }
 

@@ -87,11 +87,11 @@ def is_people_of_an_image(head: Head) -> bool:
         return True
     people = [one for one in head.json[:FIRST] if isinstance(one, dict)]
     keypoints = [one["keypoints"] for one in people if one.get("keypoints")]
-    return bool(keypoints) and all(map(_are_pairs, keypoints))
+    return bool(keypoints) and all(map(_are_keypoints, keypoints))
 
 
-def _are_pairs(keypoints: object) -> bool:
-    """Whether landmarks stand as [x, y] each, or as lists of x and of y."""
+def _are_keypoints(keypoints: object) -> bool:
+    """Whether JSON is a list of pairs, [x, y], or an object of lists "x" and "y"."""
     if isinstance(keypoints, dict):
         return {"x", "y"} <= keypoints.keys()
     return isinstance(keypoints, list) and isinstance(keypoints[0], list)

@@ -430,7 +430,7 @@ class Inference:
         if timeline is None:
             timeline = self.timeline
         lag = max(1, round(CONSTANTS.correlation_seconds * motion.rate))
-        places = timeline.on_grid(3 * lag)
+        places = timeline.frame_numbers(max_missing=3 * lag)
         scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
         model = SequenceModel(
             bones=motion.bones,
@@ -549,7 +549,7 @@ def relative_scales(
     itself; one without an informative image is interpolated between others.
     """
     level = np.full(len(scale), np.nan)
-    places = timeline.on_grid()
+    places = timeline.frame_numbers()
     for stretch in timeline.stretches:
         if informative[stretch].any():
             place = places[stretch] - places[stretch.start]

@@ -137,13 +137,13 @@ def _draw(
         if pictured is not None:
             drawn["landmarks"] = _draw_landmarks(document, methods, pictured, shown)
             drawn["examples"] = f.draw_examples(pictured.examples, pictured.edges)
-    held = {
-        name: measured.bars.held(f.LEVELS)
+    coverage = {
+        name: measured.bars.coverage(f.LEVELS)
         for name, measured in methods.items()
         if measured.bars is not None and np.isfinite(measured.bars.square).any()
     }
-    if held:
-        drawn["bars"] = f.draw_bars(held)
+    if coverage:
+        drawn["bars"] = f.draw_bars(coverage)
     return drawn
 
 

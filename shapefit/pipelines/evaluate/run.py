@@ -151,9 +151,7 @@ def _lacks_matplotlib(config: EvalConfig) -> bool:
 
 
 def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
-    """Return how many images were compared, and the share of landmarks inside their
-    regions by method.
-    """
+    """Return the number of images compared, and coverage of error bars by method."""
     images = sum(len(measured.items) for measured in methods.values())
     shares = {name: share_inside(measured.bars) for name, measured in methods.items()}
     return Numbers(images=images, share_inside_regions=shares)
@@ -329,9 +327,9 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
     """
     errors = dict(measured.errors)
     if measured.bars is not None:
-        shares = measured.bars.shares()
+        coverage = measured.bars.coverage_by_image()
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
-        errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
+        errors[inside, SHARE] = np.where(np.isnan(coverage), np.inf, coverage)
     images = zip(measured.sequences, measured.items, strict=True)
     of_images = _quoted((name, sequence, item) for sequence, item in images)
     n = len(of_images)

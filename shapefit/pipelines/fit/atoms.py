@@ -289,17 +289,13 @@ ESTIMATORS: dict[str, Callable[[AtomFamily], Estimator[AtomEstimate]]] = {
 def find_omitted(
     images: Landmarks, named: str, dictionary: Dictionary
 ) -> NDArray[np.str_]:
-    """Return the item (n,) whose atoms the fit of each image does without, '' for
-    none.
-    """
+    """Return the item (n,) that the fit of each image does without, '' for none."""
     items = np.array(named_items(images, named, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str)
     return np.where(np.isin(items, dictionary.atom_items or ()), items, "")
 
 
 def check_omitted(images: Landmarks, named: str, dictionary: Dictionary) -> None:
-    """Raise InputError where no image shows an item of the dictionary, or it has but
-    one.
-    """
+    """Raise InputError unless images show items of a dictionary that has several."""
     items = [*dict.fromkeys(dictionary.atom_items or ())]
     if len(items) < 2:
         fault = f"the atoms of the dictionary are of {len(items) or 'no'} items"

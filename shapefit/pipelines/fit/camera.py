@@ -191,9 +191,7 @@ def say_outside(config: FitConfig, images: Landmarks) -> str:
 
 
 def find_extent(images: Landmarks) -> float:
-    """Return the median diagonal of the landmarks of an image; inf where none has
-    several.
-    """
+    """Return the median diagonal of images' landmarks; inf where none has several."""
     w = np.where(images.visible()[..., None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=2).sum(axis=1) > 1]
     highest = np.nanmax(w, axis=1, initial=-np.inf)
@@ -217,9 +215,7 @@ def camera_factory(config: CameraConfig) -> Callable[[Landmarks], Camera] | None
 
 
 def find_camera(images: Landmarks, config: CameraConfig | None = None) -> Camera:
-    """Return the cameras of n images: as the config states them, else by their
-    matrices.
-    """
+    """Return the cameras of n images: by the config, else by their matrices."""
     n = len(images)
     sign = pinhole.depth_sign(images.y_axis)
     if config is None:

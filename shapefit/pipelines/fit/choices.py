@@ -141,8 +141,9 @@ def are_long(sequences: Sequence[str] | None) -> bool:
 def choose_family(
     config: FitConfig, match: Matched, calibration: Calibration | None = None
 ) -> Family:
-    """Return the family of the method with the options of a config; with a calibration,
-    nothing is left open in it.
+    """Return the family of the method with the options of a config.
+
+    With a calibration nothing is left open in it.
     """
     # The maths of one family takes as long to import as that of the other.
     if config.method == "sequences":
@@ -184,8 +185,9 @@ def place_of_names(config: FitConfig) -> str:
 
 
 def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
-    """Raise InputError where the dictionary lacks what the method needs, or it is of no
-    use.
+    """Raise InputError where what a method needs of a dictionary is absent or faulty.
+
+    place: the dictionary as the message names it.
     """
     for need in METHODS[method].needs:
         fault = need.find_fault(dictionary)
@@ -251,8 +253,9 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
 
 
 def are_flat(atoms: Floats) -> bool:
-    """Whether atoms (k, 3, p) lie in one plane, by singular values of all points; of
-    three landmarks all do.
+    """Whether all points of atoms (k, 3, p) lie in one plane, by singular values.
+
+    False for fewer than four landmarks, which always do.
     """
     if atoms.shape[2] < 4:
         return False

@@ -82,8 +82,9 @@ def log_prior_of_skeleton(name: str, x: Floats) -> Floats:
 
 
 def top_of_parabola(x: Floats, values: Floats) -> float:
-    """Return where the parabola through the best value and its neighbours is highest,
-    at most a step away from the middle one.
+    """Return where the parabola through the best value and its neighbours is highest.
+
+    It is at most a step away from the middle one.
     """
     best = int(np.argmax(values))
     middle = min(max(best, 1), len(x) - 2)

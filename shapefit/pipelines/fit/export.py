@@ -14,9 +14,7 @@ from shapefit.pipelines.result import Counted, Result
 
 
 def check_export(config: FitConfig, dictionary: Dictionary) -> None:
-    """Raise InputError where a result will have no meshes, if the config asks for
-    them.
-    """
+    """Raise InputError if a config asks for meshes that its results cannot have."""
     if config.export.folder is None:
         return
     from shapefit.io.atomic import check_folder

@@ -122,8 +122,9 @@ class Family(Protocol):
         ...
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield the images of a source as many at a time as the pace says: what is
-        lifted together stays so.
+        """Yield the images of a source, as many at a time as the pace says.
+
+        What is lifted together stays so.
         """
         ...
 

@@ -162,9 +162,11 @@ def find_at_border(
     dictionary: Dictionary,
     image_size: tuple[float, float] | None = None,
 ) -> Flags:
-    """Return which landmarks (n, p) lie at a side of the image, a neighbour there too.
+    """Return which landmarks (n, p) lie at a side of the image with a bone's other end.
 
-    At a side is within 1% of the size. There are none where the size or the edges are
+    At a side is within 1% of the size, and bones are the edges of the dictionary: there
+    a detector leaves what it does not see. image_size: width and height of all images,
+    None where each states its own. There are none where the size or the edges are
     unknown, and where the names are not those of the dictionary.
     """
     n = len(images)

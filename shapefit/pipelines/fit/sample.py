@@ -357,9 +357,10 @@ def judge_names(
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> Verdict:
-    """Trust no image where many are doubtful, and few by the names of another skeleton.
+    """Return a verdict on a file whose landmarks may go by names of another skeleton.
 
-    The verdict is empty otherwise. lifting, of the images of the file.
+    It trusts no image where many are doubtful, and few by the names of that skeleton;
+    it is empty otherwise. lifting, of the images of the file.
     """
     if len(in_file) < MIN_SAMPLE:
         return Verdict()
@@ -389,8 +390,10 @@ def doubtful_as(
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> float | None:
-    """Return the share of images that are doubtful by the names of an installed
-    skeleton; None where these are no other names of as many landmarks.
+    """Return the share of images that are doubtful by the names of another skeleton.
+
+    name: that of an installed one; None where its names are those of the file, or not
+    as many.
     """
     names = installed_skeletons()[name].landmark_names
     if len(names) != len(in_file.landmark_names) or names == in_file.landmark_names:
@@ -408,10 +411,10 @@ def doubtful_as(
 
 
 def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
-    """Trust no image of people whose x and y have different scales.
+    """Return a verdict on images of people whose x and y have different scales.
 
-    The verdict is empty otherwise. Wrong names may look like a stretch, too; but they
-    are doubtful at any width.
+    It trusts none of them, and is empty otherwise. Wrong names may look like a stretch,
+    too; but they are doubtful at any width.
     """
     stretch = find_stretch(sample, posterior.with_limbs())
     if stretch == 1:
@@ -426,9 +429,9 @@ def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
 def judge_sample(
     lifting: PosteriorLifting, bars: BarGrowth, shown: Flags | None
 ) -> Verdict:
-    """Trust no image of a file whose sample contradicts the dictionary.
+    """Return a verdict on a file whose sample contradicts the dictionary.
 
-    The verdict is empty otherwise, and where the sample is too small.
+    It trusts no image, and is empty otherwise, and where the sample is too small.
     """
     if not bars.numbers:
         return Verdict()

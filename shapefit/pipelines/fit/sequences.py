@@ -220,8 +220,7 @@ def place_frames(images: Landmarks, rate: float) -> Floats:
 
 
 def motion_between_frames(dictionary: Dictionary, rate: float | None) -> BodyMotion:
-    """Return the motion between images at a frame rate, or at that of the training
-    shapes.
+    """Return the motion between images at a frame rate, by default that of training.
 
     Second differences grow with the 3/2th power of the time, where a velocity wanders.
     """
@@ -241,8 +240,7 @@ def motion_between_frames(dictionary: Dictionary, rate: float | None) -> BodyMot
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
-    """Return the mean bone lengths of the training bodies and their precision, None if
-    unknown.
+    """Return mean and precision of the bone lengths of training bodies, if known.
 
     Of any size, and of people only limbs: detectors put hips, shoulders and heads
     elsewhere than training shapes have them.

@@ -219,8 +219,7 @@ def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
 def summarise_fit(
     read: InputsRead, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Result:
-    """Return the end of a fit: warnings about all images, a note, and the rows of the
-    summary.
+    """Return the end of a fit: warnings about all images, a note, rows of the summary.
 
     chosen says what chose the method, "" where the config did.
     """

@@ -374,8 +374,9 @@ def error_of_hidden(images: Landmarks, dictionary: Dictionary) -> float:
 def lift_images(
     images: Landmarks, dictionary: Dictionary, *, perspective: bool = False
 ) -> PosteriorLifting:
-    """Lift images one by one with what was learned so far, by weak perspective or as
-    the cameras of the file see them.
+    """Lift images one by one with what was learned so far.
+
+    By weak perspective, or as the cameras of the file see them.
     """
     check_needs("posterior", dictionary, "dictionary")
     posterior = ImagePosterior(
