@@ -14,7 +14,11 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.posterior import calibration
-from shapefit.lifting.posterior.calibration import HiddenInTurn, hide_in_turn
+from shapefit.lifting.posterior.calibration import (
+    MIN_PREDICTIONS,
+    HiddenInTurn,
+    hide_in_turn,
+)
 from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.model import PosteriorModel
 from tests.lifting.posterior.scenes import RESIDUAL_VARIANCE, FilmedScene, P
@@ -104,6 +108,16 @@ def test_what_is_seldom_seen_has_the_growth_of_the_file(case):
 
     assert np.isnan(found.by_landmark[[2, 3]]).all()
     assert found.predictions == N * (P - 2) + 5
+
+
+@pytest.mark.parametrize(("seen", "has_own"), [(0, True), (-1, False)])
+def test_a_landmark_that_is_seen_often_enough_has_a_growth_of_its_own(
+    case, seen, has_own
+):
+    weights = np.ones((N, P))
+    weights[MIN_PREDICTIONS + seen :, 2] = 0.0
+    found = case.hide(weights=weights)
+    assert np.isfinite(found.by_landmark[2]) == has_own
 
 
 def test_growth_is_not_below_that_of_the_file():
