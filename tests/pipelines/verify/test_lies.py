@@ -118,6 +118,28 @@ def test_a_lie_is_found(fitted, changed, verify, dictionaries, landmarks, name):
     assert found.note.splitlines()[-1] != f"False      0 of {found.done} images"
 
 
+def confidence_of_images(file):
+    """Replace the confidences by one number an image."""
+    n = len(file["item"])
+    del file["confidence"]
+    file["confidence"] = np.full(n, 0.5)
+
+
+def confidence_in_words(file):
+    values = np.full(file["confidence"].shape, b"sure")
+    del file["confidence"]
+    file["confidence"] = values
+
+
+@pytest.mark.parametrize("lie", [confidence_of_images, confidence_in_words])
+def test_confidences_that_are_no_number_a_landmark_are_refused(
+    fitted, changed, verify, dictionaries, lie
+):
+    result = changed(fitted("walk", method="posterior"), lie)
+    with pytest.raises(InputError, match=r"/confidence: holds .*; store numbers \("):
+        verify(result, dictionaries["walk"])
+
+
 def test_the_atoms_of_a_left_out_item_are_not_used(
     fitted, changed, verify, dictionaries
 ):
