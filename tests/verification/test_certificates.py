@@ -173,6 +173,7 @@ FALSE_CLAIMS = [
     ("scale", lambda scale: 1.001 * scale, "scale"),
     ("translation", lambda x: x + 1, "translation"),
     ("rotation", lambda R: 2 * R, "orthonormal"),
+    ("rotation", lambda R: 0.5 * R, "orthonormal"),
     ("rotation", np.negative, "proper"),
     ("lambda", np.negative, "objective"),
     ("status", lambda _: np.array(["degenerate input"]), "status"),
@@ -561,3 +562,9 @@ class TestObjective:
         P, size = found
         without_shape = LOSSES[loss](weights * V[0]).sum()
         assert size == pytest.approx(P + without_shape, rel=1e-12)
+
+
+def test_transforms_that_are_not_finite_are_none(planted):
+    infinite = np.full_like(planted["active_transforms"], np.inf)
+    changed = planted | {"active_transforms": infinite}
+    assert "transforms are finite" in first_false_claim(changed)
