@@ -17,6 +17,7 @@ from shapefit.geometry.pinhole import (
     ASSUMED_FOCAL,
     Camera,
     complete_coefficients,
+    depth_sign,
     distort,
     is_assumed_focal,
     project_pinhole,
@@ -200,6 +201,17 @@ class TestReachOfALens:
         assert np.isnan(undistort(points, lens)).all()
 
 
+@pytest.mark.parametrize("angle", np.linspace(0, np.pi, 9))
+def test_points_that_are_seen_beyond_a_pole_of_the_lens_are_found(angle):
+    """The denominator of this lens is 0 at r = 1.39; at 1.2 it shows 2.34."""
+    lens = complete_coefficients([0.064, -0.023, 0, 0, 0.032, -0.107, 0.119, -0.17])
+    radius = np.array([0.9, 1.1, 1.2])
+    points = radius * np.array([[np.cos(angle)], [np.sin(angle)]])
+    moved, *_ = distort(points, lens)
+    assert np.linalg.norm(moved[:, -1]) > 2
+    assert_allclose(undistort(moved, lens), points, rtol=1e-9, atol=1e-9)
+
+
 def test_large_points_are_undistorted_to_their_own_precision():
     """The residual that counts as none grows with the points."""
     points = np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]])
@@ -212,6 +224,27 @@ def test_without_distortion_points_stay_to_the_last_bit(rng):
     points = rng.normal(size=(2, 2, 5))
     no_lens = complete_coefficients([0, 0, 0, 0, 0])
     assert_array_equal(undistort(points, no_lens), points)
+
+
+def test_each_image_may_have_a_lens_of_its_own(rng):
+    coefficients = np.array([LENSES["barrel"], [0.1, 0, 0, 0]])
+    lenses = complete_coefficients(coefficients)
+    points = rng.uniform(-0.5, 0.5, (2, 2, 9))
+
+    moved, *_ = distort(points, lenses)
+
+    alone = [
+        distort(image, complete_coefficients(lens))[0]
+        for image, lens in zip(points, coefficients, strict=True)
+    ]
+    assert_array_equal(moved, alone)
+    assert_allclose(undistort(moved, lenses), points, atol=1e-12)
+
+
+@pytest.mark.parametrize(("y_axis", "sign"), [("up", -1), ("down", 1), (None, 1)])
+def test_z_is_the_cross_product_of_x_and_y(y_axis, sign):
+    """With x to the right and y down it points away from the camera, else to it."""
+    assert depth_sign(y_axis) == sign
 
 
 def test_a_count_of_coefficients_that_opencv_has_not_is_refused():
