@@ -89,6 +89,21 @@ def test_a_result_rests_in_a_t(target, scene):
             np.testing.assert_allclose(bones[name], expected, atol=1e-5)
 
 
+def test_twelve_joints_of_limbs_are_a_person(target, shapes):
+    """Shoulders, elbows and wrists, hips, knees and ankles."""
+    middle = {"pelvis", "neck", "head"}
+    is_limb = np.array([name not in middle for name in shapes.landmark_names])
+    assert is_limb.sum() == 12
+    limbs = tuple(np.array(shapes.landmark_names)[is_limb].tolist())
+
+    save(
+        target, shapes.replaced(shapes=shapes.shapes[:, is_limb], landmark_names=limbs)
+    )
+
+    names = set(re.findall(r"JOINT (\S+)", target.read_text()))
+    assert names >= {"LeftForeArm", "RightHand", "LeftLeg", "RightFoot"}
+
+
 @pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
 def test_the_time_of_a_frame_is_exact_to_ten_digits(target, shapes, rate):
     save(target, shapes.replaced(frame_rate=rate))
