@@ -1,9 +1,20 @@
 """What adds up over the batches of a fit, for the summary at its end."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from shapefit.pipelines.fit.summary import Tally
+from shapefit.pipelines.fit.summary import (
+    MAX_NAMED_FILES,
+    MIN_IMAGES_OF_NAME,
+    MISNAMED_SHARE,
+    Tally,
+    find_viewed,
+    say_gap,
+    warn_of_names,
+)
 from shapefit.records import Fit
 
 PEOPLE = ("head", "neck", "lshoulder", "rshoulder", "lhip", "rhip", "lankle", "rankle")
@@ -106,3 +117,75 @@ class TestBatches:
     def test_bodies(self, tally, record):
         assert tally.bodies == N
         assert tally.on_head == (record.shapes[:, 0, 1] < 0).sum()
+
+
+class TestWrongNames:
+    """A landmark that is an outlier in most of the images that show it is named."""
+
+    @pytest.fixture
+    def plan(self):
+        """Of a file that calls the nose `face` and has the hip as two points."""
+        markers = {"nose": ("face",), "hip": ("left", "right")}
+        return SimpleNamespace(
+            match=SimpleNamespace(
+                dictionary=SimpleNamespace(landmark_names=("nose", "hip", "knee")),
+                joints=SimpleNamespace(markers=markers),
+            )
+        )
+
+    def warnings(self, plan, outliers, visible):
+        tally = Tally(outliers=np.array(outliers), visible=np.array(visible))
+        return [*warn_of_names(tally, plan)]
+
+    def test_of_many_images_it_is_one_that_is_mostly_an_outlier(self, plan):
+        half = int(MISNAMED_SHARE * 100)
+        (warning,) = self.warnings(plan, [half, half + 1, 0], [100] * 3)
+        assert str(warning).startswith(f"{half + 1} images in which")
+        assert "left and right contradicts the model" in str(warning)
+
+    def test_a_landmark_that_few_images_show_is_not_judged_by_them_alone(self, plan):
+        few = int(MISNAMED_SHARE * MIN_IMAGES_OF_NAME)
+        assert self.warnings(plan, [few, 0, 0], [few, 100, 100]) == []
+        (warning,) = self.warnings(plan, [0, 0, few + 1], [100, 100, few + 1])
+        assert "in which knee contradicts" in str(warning)
+
+    def test_without_a_prior_nothing_is_known(self, plan):
+        assert [*warn_of_names(Tally(), plan)] == []
+
+
+GAPS = [
+    (None, 3, ""),
+    (1.23e-7, 0, ", all optimal, largest gap 1.2e-07"),
+    (1.23e-7, 1200, ", 1,200 not optimal, largest gap 1.2e-07"),
+    (0.5, None, ", within 5.0e-01 of the convex bound"),
+]
+"""The largest gap, how many images are not optimal, and what is said."""
+
+
+@pytest.mark.parametrize(("largest_gap", "missed", "said"), GAPS)
+def test_gaps_are_said(largest_gap, missed, said):
+    assert say_gap(largest_gap, missed) == said
+
+
+class TestFilesToView:
+    """The next command names them, many by one glob."""
+
+    @pytest.mark.parametrize(
+        "name", ["r.h5", "r.HDF5", "r.csv", "r.metres.csv", "r.trc"]
+    )
+    def test_results_and_tables_are_viewed(self, name):
+        assert find_viewed([Path(name)], Path(name)) == [Path(name)]
+
+    @pytest.mark.parametrize(
+        "name", ["r_angles.csv", "r.ANGLES.csv", "r.mot", "r.bvh", "r.c3d", "r.toml"]
+    )
+    def test_angles_and_files_of_other_programs_are_not(self, name):
+        assert find_viewed([Path(name)], Path(name)) == []
+
+    @pytest.mark.parametrize("ending", [".trc", ".csv", ".metres.csv"])
+    def test_many_are_one_glob(self, ending):
+        output = Path(f"/r/man{ending}")
+        many = [Path(f"/r/man_{n}{ending}") for n in range(MAX_NAMED_FILES + 1)]
+        assert find_viewed(many, output) == [Path(f"/r/man_*{ending}")]
+        few = many[:MAX_NAMED_FILES]
+        assert find_viewed(few, output) == few
