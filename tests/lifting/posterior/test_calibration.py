@@ -2,7 +2,7 @@
 are not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -35,7 +35,23 @@ class Case:
     prior: Mixture
     camera: Camera | None
 
-    def hide(self, weights=None, prior=None, landmarks=None) -> HiddenInTurn:
+    def turned(self) -> "Case":
+        """Return the images turned by a quarter: x is -y, and y is x."""
+        x, y = np.moveaxis(self.landmarks, 1, 0)
+        if self.camera is None:
+            return replace(self, landmarks=np.stack([-y, x], axis=1))
+        middle_x, middle_y = self.camera.centre.T[..., None]
+        landmarks = np.stack([middle_y - y, x - middle_x], axis=1)
+        camera = replace(
+            self.camera,
+            focal=self.camera.focal[:, ::-1],
+            centre=np.zeros_like(self.camera.centre),
+        )
+        return replace(self, landmarks=landmarks, camera=camera)
+
+    def hide(
+        self, weights=None, prior=None, landmarks=None, inliers=None
+    ) -> HiddenInTurn:
         """Lift the images, and hide each landmark in turn."""
         model = PosteriorModel(
             prior=prior or self.prior,
@@ -51,9 +67,9 @@ class Case:
             camera=self.camera,
         )
         found = lifting.estimate
-        return hide_in_turn(
-            lifting.problem, found.rotation, found.inlier_probability, model
-        )
+        if inliers is None:
+            inliers = found.inlier_probability
+        return hide_in_turn(lifting.problem, found.rotation, inliers, model)
 
 
 @pytest.fixture(params=["weak perspective", "near a camera"])
@@ -72,6 +88,29 @@ def test_true_bars_hold_the_hidden_landmarks(case):
     assert found.kappa == pytest.approx(1, abs=0.35)
     assert found.inside == pytest.approx(0.9, abs=0.08)
     assert np.median(found.by_landmark) == pytest.approx(1, abs=0.35)
+
+
+def test_a_quarter_turn_of_the_images_changes_nothing(case):
+    found = case.hide()
+    turned = case.turned().hide()
+    assert turned.kappa == pytest.approx(found.kappa, rel=1e-3)
+    assert_allclose(turned.by_landmark, found.by_landmark, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("outliers", "has_own"), [(12, True), (13, False)])
+def test_what_is_an_outlier_in_most_images_that_show_it_has_no_growth_of_its_own(
+    case, outliers, has_own
+):
+    """Landmark 2 is seen in 24 images; it has no part in the growth of the file."""
+    weights = np.ones((N, P))
+    weights[24:, 2] = 0.0
+    inliers = np.where(weights > 0, 0.9, np.nan)
+    inliers[:outliers, 2] = 0.1
+
+    found = case.hide(weights=weights, inliers=inliers)
+
+    assert np.isfinite(found.by_landmark[2]) == has_own
+    assert found.predictions == N * (P - 1) + 24 * has_own
 
 
 def test_of_many_landmarks_some_are_hidden(case, monkeypatch):
