@@ -66,14 +66,14 @@ def storage_errors(
 ) -> Iterator[None]:
     """Turn OSErrors of these values of errno into InputErrors, by default the disk's.
 
-    They are at `target`. `numbers` = None stands for all of them; those of permission
-    always count of a temporary.
+    They are at `target`. `numbers` = None stands for all of them; those of a temporary
+    always count.
     """
     try:
         yield
     except OSError as error:
         refused = error.errno in OF_PERMISSION
-        temporary = refused and PARTIAL in str(error.filename)
+        temporary = PARTIAL in str(error.filename)
         if not (numbers is None or temporary or error.errno in numbers):
             raise
         fix = (

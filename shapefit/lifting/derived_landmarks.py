@@ -75,7 +75,7 @@ def place_dependents(
     difference = residual[..., a] - residual[..., b]
     r = np.where(is_seen, difference.reshape(is_seen.shape), 0.0)
     step = np.zeros((len(C), 3, p))
-    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
+    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, len(a))
     shapes = lifting.shapes + scale * step
     fitted = shapes[:, :2]
     view = lifting.perspective

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Indices
+from shapefit.arrays import Floats, Indices
 from shapefit.errors import input_error
 from shapefit.records.fit import Fit
 from shapefit.records.items import Items
@@ -29,13 +29,23 @@ SAME_FRAME_WITHIN = 0.01
 class MatchKeys(NamedTuple):
     """What n images or true shapes are matched by.
 
-    frames None are the places in the sequences.
+    frames None are the places in the sequences; times (n,) in seconds, as stated.
     """
 
     items: Sequence[str]
     sequences: Sequence[str] | None = None
     frames: Sequence[int] | None = None
     frame_rate: float | None = None
+    times: Sequence[float] | None = None
+
+    def seconds(self) -> Floats | None:
+        """Return the time (n,) of each, stated or of its frame; None for none."""
+        if self.times is not None:
+            return np.array(self.times, np.float64)
+        if self.frames is None or not self.frame_rate:
+            return None
+        seconds: Floats = np.array(self.frames, np.float64) / self.frame_rate
+        return seconds
 
     def by_frame(self) -> tuple[Sequence[str], Sequence[int]]:
         """Return the sequence and the number of the frame of each."""
@@ -55,17 +65,22 @@ def match_keys(parts: Iterable[Items]) -> MatchKeys:
     items: list[str] = []
     sequences: list[str] = []
     frames: list[int] = []
+    times: list[float] = []
     for part in parts:
         items += part.items
         sequences += part.sequences or ()
         if part.frames is not None:
             frames += part.frames.tolist()
+        if part.times is not None:
+            times += part.times.tolist()
     are_numbered = len(frames) == len(items)
+    are_timed = len(times) == len(items) and bool(np.isfinite(times).all())
     return MatchKeys(
         items,
         sequences or None,
         frames if are_numbered else None,
         part.frame_rate,
+        times if are_timed else None,
     )
 
 
@@ -111,15 +126,49 @@ def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
     """Return the row (n,) of each image's true shape, by sequence and frame, else -1.
 
     Where this finds none at all, the last parts of the sequences' names are compared,
-    then frames alone. Frames of different rates are those of the same time.
+    then frames alone. Frames of different rates are those of the same time. Where a
+    side states times, which need not begin at 0, those of both count first.
     """
     sequences, frames = images.by_frame()
     true_sequences, true_frames = truth.by_frame()
+    in_time = frames_in_time(images, truth)
+    if in_time is not None:
+        rows = _find_in_sequences(sequences, in_time[0], true_sequences, in_time[1])
+        if (rows >= 0).any():
+            return rows
     if images.frame_rate and truth.frame_rate:
         places = np.array(frames) * (truth.frame_rate / images.frame_rate)
         whole = places.round()
         is_whole = abs(places - whole) < SAME_FRAME_WITHIN
         frames = np.where(is_whole, whole, -1).tolist()
+    return _find_in_sequences(sequences, frames, true_sequences, true_frames)
+
+
+def frames_in_time(
+    images: MatchKeys, truth: MatchKeys
+) -> tuple[Sequence[int], Sequence[int]] | None:
+    """Return the frames of images and truth on one clock, from 0 s on.
+
+    None where neither states times, or one has neither times nor numbered frames.
+    """
+    rate = truth.frame_rate or images.frame_rate
+    seconds = images.seconds()
+    true_seconds = truth.seconds()
+    is_stated = images.times is not None or truth.times is not None
+    if not is_stated or not rate or seconds is None or true_seconds is None:
+        return None
+    frames = np.rint(seconds * rate).astype(np.int64)
+    true_frames = np.rint(true_seconds * rate).astype(np.int64)
+    return frames.tolist(), true_frames.tolist()
+
+
+def _find_in_sequences(
+    sequences: Sequence[str],
+    frames: Sequence[int],
+    true_sequences: Sequence[str],
+    true_frames: Sequence[int],
+) -> Indices:
+    """Return the row (n,) of the true shape of each frame of a sequence, else -1."""
     for shorten in (str, _last_part, _nothing):
         keys = list(zip(map(shorten, true_sequences), true_frames, strict=True))
         rows = find_rows(zip(map(shorten, sequences), frames, strict=True), keys)

@@ -519,7 +519,6 @@ def check_chunk(
     columns = claimed_columns(result)
     has_scale = np.isfinite(columns["scale"])
     claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
-    check_confidence(columns, claims)
     is_bounded = np.zeros_like(claims.fitted)
     gaps = np.zeros(len(result))
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
@@ -541,21 +540,6 @@ def claimed_columns(result: Fit) -> dict[str, Numeric]:
         values = np.asarray(value)
         columns[column.name] = in_columns(values) if column.has_points else values
     return columns
-
-
-def check_confidence(columns: dict[str, Numeric], claims: Claims) -> None:
-    """Check that stored confidences are one number per landmark, into `claims`.
-
-    Others are taken out of `columns`, and every image then has a false claim.
-    """
-    confidence = columns.get("confidence")
-    if confidence is None:
-        return
-    n, _, p = columns["landmarks"].shape
-    if confidence.shape != (n, p) or confidence.dtype.kind not in "biuf":
-        del columns["confidence"]
-        none = np.zeros(n, bool)
-        claims.hold("each landmark has a confidence", none, where=~none)
 
 
 def check_landmarks(

@@ -165,6 +165,7 @@ class Fit(Items):
             items=shapes.items,
             sequences=shapes.sequences,
             frames=shapes.frames,
+            times=shapes.times,
             unit=shapes.unit,
             frame_rate=shapes.frame_rate,
         )

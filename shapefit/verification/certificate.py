@@ -350,7 +350,7 @@ def check_shapes(
     claims.near(
         "coefficients are those of the transforms",
         np.abs(columns["coefficients"] - c),
-        CLAIM_TOLERANCE * (1 + largest_of_images(c)),
+        CLAIM_TOLERANCE * (1 + largest_of_images(np.abs(c))),
     )
     claims.near(
         "scale is the size of the landmarks",

@@ -235,3 +235,23 @@ def test_times_that_are_not_known_are_frames(found, monkeypatch, pandas):
     table = found.replaced(times=clock).to_pandas()
     expected = np.where(np.isnan(clock), FRAMES, clock)
     assert list(table["time"]) == np.repeat(expected, 21).tolist()
+
+
+class TestTextsOfADictionary:
+    """Of two atoms of three landmarks."""
+
+    ATOMS = np.arange(18.0).reshape(2, 3, 3)
+
+    @pytest.mark.parametrize(
+        ("name", "texts"), [("landmark_names", list("abc")), ("atom_items", list("uv"))]
+    )
+    def test_they_become_tuples(self, name, texts):
+        dictionary = shapefit.Dictionary(self.ATOMS, **{name: texts})
+        assert getattr(dictionary, name) == tuple(texts)
+
+    @pytest.mark.parametrize(
+        ("name", "texts"), [("landmark_names", list("ab")), ("atom_items", list("uvw"))]
+    )
+    def test_there_are_as_many_as_landmarks_or_atoms(self, name, texts):
+        with pytest.raises(shapefit.InputError, match=rf"^dictionary\.{name}: has the"):
+            shapefit.Dictionary(self.ATOMS, **{name: texts})

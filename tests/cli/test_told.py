@@ -120,6 +120,19 @@ TOLD = {
         rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view"
         r" r.h5\n",
     ),
+    "a long row, whose names are not divided at their hyphens": (
+        FIT,
+        [Result(rows=(("Method", "half-precision " * 9),))],
+        0,
+        rf"{READ}Method  (half-precision ?){{6}}\n {{8}}(half-precision ?){{3}}\n"
+        r"Result.*\n",
+    ),
+    "a name that is longer than a line": (
+        FIT,
+        [Result(rows=(("Method", f"a {'x' * 150} b"),))],
+        0,
+        rf"{READ}Method  a\n {{8}}x{{150}}\n {{8}}b\nResult.*\n",
+    ),
     "details": (
         f"{FIT} -v",
         [Result(note="a", rows=(("Result", "all well"),))],

@@ -77,6 +77,15 @@ def test_sequences_are_bars_before_that_of_their_mean():
     assert axes.patches[-1].get_height() == pytest.approx(39 / 2)
 
 
+def test_the_mean_over_sequences_is_of_those_that_a_method_has():
+    """In one of three no image has a shape, a fourth is of the other method alone."""
+    means = {"a": {"s": 10.0, "t": np.nan, "u": 30.0}, "b": {"v": 7.0}}
+    (axes,) = axes_of(f.draw_sequences({"all": means}, "mm"))
+    heights = [bar.get_height() for bar in axes.patches]
+    mean_of_a = heights[4]
+    assert mean_of_a == 20
+
+
 def test_too_many_sequences_are_dots():
     axes, _ = draw_sequences(250)
     (dots,) = axes.lines

@@ -6,14 +6,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shapefit.geometry import pinhole
 from shapefit.geometry.cameras import (
     TO_Y_UP,
     nearest_axis_up,
     project_from_afar,
     turntable,
 )
-from shapefit.geometry.pinhole import Camera, complete_coefficients, distort, undistort
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import (
+    ASSUMED_FOCAL,
+    Camera,
+    complete_coefficients,
+    depth_sign,
+    distort,
+    is_assumed_focal,
+    project_pinhole,
+    undistort,
+)
 from shapefit.geometry.rotations import rotation_about_axis
 from tests.points import transpose
 
@@ -120,6 +129,28 @@ def test_a_lens_moves_points_as_in_opencv(points, lens):
     assert_allclose(transpose(moved), expected, atol=1e-14)
 
 
+def test_the_derivative_of_a_lens_is_that_of_its_points(points, lens):
+    coefficients = complete_coefficients(lens)
+    step = 1e-6 * np.abs(points).max()
+
+    def slopes_along(axis):
+        """Return d x and d y by one coordinate, by central differences."""
+        move = np.zeros((2, 1))
+        move[axis] = step
+        after, *_ = distort(points + move, coefficients)
+        before, *_ = distort(points - move, coefficients)
+        return np.moveaxis((after - before) / (2 * step), -2, 0)
+
+    _, across, along, skew = distort(points, coefficients)
+
+    dx_dx, dy_dx = slopes_along(0)
+    dx_dy, dy_dy = slopes_along(1)
+    assert_allclose(across, dx_dx, rtol=1e-7, atol=1e-9)
+    assert_allclose(along, dy_dy, rtol=1e-7, atol=1e-9)
+    assert_allclose(skew, dx_dy, rtol=1e-7, atol=1e-9)
+    assert_allclose(skew, dy_dx, rtol=1e-7, atol=1e-9)
+
+
 def test_undistortion_undoes_a_lens(points, lens):
     coefficients = complete_coefficients(lens)
     moved, *_ = distort(points, coefficients)
@@ -139,6 +170,48 @@ def test_where_the_lens_bends_back_there_is_no_point():
     assert np.isnan(found[:, 1:]).all()
 
 
+@pytest.mark.parametrize("angle", np.linspace(0, np.pi, 9))
+class TestReachOfALens:
+    """r - 0.3 r^3 reaches 2 / 3 of where it turns over, in every direction."""
+
+    LENS = complete_coefficients([-0.3, 0, 0, 0])
+    REACH = 2 / 3 * np.sqrt(1 / 0.9)
+
+    def at(self, radius, angle):
+        return radius * np.array([[np.cos(angle)], [np.sin(angle)]])
+
+    def test_what_is_seen_just_within_it_comes_from_one_point(self, angle):
+        points = self.at((1 - 1e-6) * self.REACH, angle)
+        found = undistort(points, self.LENS)
+        moved, *_ = distort(found, self.LENS)
+        assert_allclose(moved, points, atol=1e-9)
+        assert np.linalg.norm(found) < np.sqrt(1 / 0.9)
+
+    @pytest.mark.parametrize("beyond", [1e-6, 1e-3, 1.0])
+    def test_what_is_seen_beyond_it_comes_from_none(self, angle, beyond):
+        points = self.at((1 + beyond) * self.REACH, angle)
+        assert np.isnan(undistort(points, self.LENS)).all()
+
+    def test_what_a_lens_shows_once_it_turned_over_twice_comes_from_none(self, angle):
+        """r - r^3 + r^5 / 4 falls between 0.63 and 1.41, and leaves 2 where it is."""
+        lens = complete_coefficients([-1.0, 0.25, 0, 0])
+        points = self.at(2.0, angle)
+        moved, *_ = distort(points, lens)
+        assert_allclose(moved, points, atol=1e-12)
+        assert np.isnan(undistort(points, lens)).all()
+
+
+@pytest.mark.parametrize("angle", np.linspace(0, np.pi, 9))
+def test_points_that_are_seen_beyond_a_pole_of_the_lens_are_found(angle):
+    """The denominator of this lens is 0 at r = 1.39; at 1.2 it shows 2.34."""
+    lens = complete_coefficients([0.064, -0.023, 0, 0, 0.032, -0.107, 0.119, -0.17])
+    radius = np.array([0.9, 1.1, 1.2])
+    points = radius * np.array([[np.cos(angle)], [np.sin(angle)]])
+    moved, *_ = distort(points, lens)
+    assert np.linalg.norm(moved[:, -1]) > 2
+    assert_allclose(undistort(moved, lens), points, rtol=1e-9, atol=1e-9)
+
+
 def test_large_points_are_undistorted_to_their_own_precision():
     """The residual that counts as none grows with the points."""
     points = np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]])
@@ -151,6 +224,27 @@ def test_without_distortion_points_stay_to_the_last_bit(rng):
     points = rng.normal(size=(2, 2, 5))
     no_lens = complete_coefficients([0, 0, 0, 0, 0])
     assert_array_equal(undistort(points, no_lens), points)
+
+
+def test_each_image_may_have_a_lens_of_its_own(rng):
+    coefficients = np.array([LENSES["barrel"], [0.1, 0, 0, 0]])
+    lenses = complete_coefficients(coefficients)
+    points = rng.uniform(-0.5, 0.5, (2, 2, 9))
+
+    moved, *_ = distort(points, lenses)
+
+    alone = [
+        distort(image, complete_coefficients(lens))[0]
+        for image, lens in zip(points, coefficients, strict=True)
+    ]
+    assert_array_equal(moved, alone)
+    assert_allclose(undistort(moved, lenses), points, atol=1e-12)
+
+
+@pytest.mark.parametrize(("y_axis", "sign"), [("up", -1), ("down", 1), (None, 1)])
+def test_z_is_the_cross_product_of_x_and_y(y_axis, sign):
+    """With x to the right and y down it points away from the camera, else to it."""
+    assert depth_sign(y_axis) == sign
 
 
 def test_a_count_of_coefficients_that_opencv_has_not_is_refused():
@@ -168,8 +262,51 @@ def test_points_before_the_camera_are_seen_however_near(sign):
     centre = np.array([[320.0, 240.0]])
     camera = Camera(focal_length, centre, sign)
 
-    (landmarks,) = pinhole.project_pinhole(camera, points[None])
+    (landmarks,) = project_pinhole(camera, points[None])
 
     before = depth[:3]
     assert_allclose(landmarks[:, :3], [320 + 160 / before, 240 - 80 / before])
     assert np.isnan(landmarks[:, 3:]).all()
+
+
+@pytest.fixture
+def seen(rng):
+    """Cameras of four images that differ, and points before them."""
+    focal = rng.uniform(500, 1500, (4, 2))
+    centre = rng.uniform(200, 800, (4, 2))
+    points = rng.standard_normal((4, 3, 6))
+    points[:, 2] += 8
+    return Camera(focal, centre, 1.0, focal_sd=0.1), points
+
+
+def test_a_normalised_camera_sees_normalised_landmarks(seen):
+    camera, points = seen
+    landmarks = normalise(project_pinhole(camera, points))
+
+    in_their_unit = camera.normalised_as(landmarks)
+
+    assert_allclose(project_pinhole(in_their_unit, points), landmarks.points)
+    assert in_their_unit.focal_sd == camera.focal_sd
+
+
+def test_cameras_of_some_images_see_as_they_did(seen):
+    camera, points = seen
+    some = np.array([2, 0])
+    expected = project_pinhole(camera, points)[some]
+    assert_array_equal(project_pinhole(camera.take(some), points[some]), expected)
+
+
+SIZE = np.array([1080.0, 1920.0])
+
+FOCAL_LENGTHS = [
+    (ASSUMED_FOCAL * 1920, True),
+    ([ASSUMED_FOCAL * 1920] * 2, True),
+    (ASSUMED_FOCAL * 1080, False),
+    (ASSUMED_FOCAL * 1920 + 1, False),
+    (1920.0, False),
+]
+
+
+@pytest.mark.parametrize(("focal", "is_assumed"), FOCAL_LENGTHS)
+def test_a_focal_length_is_assumed_by_the_longer_side(focal, is_assumed):
+    assert is_assumed_focal(focal, SIZE) == is_assumed

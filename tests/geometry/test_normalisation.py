@@ -60,6 +60,20 @@ def test_hidden_points_do_not_matter(points, visible, garbage):
     assert_array_equal(found.centroid, clean.centroid)
 
 
+@pytest.mark.parametrize("hides", [False, True])
+def test_an_image_is_normalised_whatever_stands_beside_it(points, visible, hides):
+    points = points * np.arange(1, 7)[:, None, None]
+    mask = visible if hides else None
+
+    together = normalise(points, mask)
+
+    for image, of_image in enumerate(points):
+        alone = normalise(of_image, visible[image] if hides else None)
+        assert_allclose(together.points[image], alone.points, atol=1e-14)
+        assert_allclose(together.centroid[image], alone.centroid, atol=1e-14)
+        assert together.scale[image] == pytest.approx(alone.scale, rel=1e-14)
+
+
 LENGTHS = [
     ("m", 1),
     ("dm", 0.1),

@@ -8,10 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.rotations import (
     complete_rotation,
+    exponential,
     nearest_rotation,
     random_rotations,
     rotation_about,
     rotation_angle,
+    shortest_rotations,
 )
 from tests.points import assert_rotations, transpose
 
@@ -65,6 +67,41 @@ class TestRotationAbout:
         vectors = angles[:, None] * axis / np.linalg.norm(axis)
         expected = Rotation.from_rotvec(vectors).as_matrix()
         assert_allclose(rotation_about(axis, angles), expected, atol=1e-13)
+
+
+class TestExponential:
+    @pytest.mark.parametrize("size", [0.0, 1e-12, 1e-3, 1.0, 10.0])
+    def test_agrees_with_scipy(self, rng, size):
+        turns = size * rng.standard_normal((4, 5, 3))
+        vectors = turns.reshape(-1, 3)
+        expected = Rotation.from_rotvec(vectors).as_matrix().reshape(4, 5, 3, 3)
+        assert_allclose(exponential(turns), expected, rtol=1e-12, atol=1e-14)
+
+
+class TestShortestRotations:
+    @pytest.fixture
+    def start(self, rng):
+        direction = rng.standard_normal(3)
+        return direction / np.linalg.norm(direction)
+
+    @pytest.fixture
+    def across(self, rng, start):
+        """Unit vectors (30, 3) at right angles to the start."""
+        vectors = np.cross(start, rng.standard_normal((30, 3)))
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+    @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, np.pi - 1e-3, np.pi])
+    def test_they_turn_the_start_to_the_ends_by_the_angle_between(
+        self, start, across, angle
+    ):
+        ends = np.cos(angle) * start + np.sin(angle) * across
+
+        R = shortest_rotations(start, ends)
+
+        assert_rotations(R, atol=1e-9)
+        assert_allclose(R @ start, ends, atol=1e-9)
+        trace = np.trace(R, axis1=1, axis2=2)
+        assert_allclose(trace, 1 + 2 * np.cos(angle), atol=1e-9)
 
 
 class TestRotationAngle:

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import nnls
 
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import Status
@@ -21,6 +22,7 @@ from shapefit.lifting import matching_pursuit
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.matching_pursuit import (
     Pursuit,
+    fit_scales,
     lift_by_pursuit,
     minimise_on_sphere,
     pursue,
@@ -430,3 +432,50 @@ class TestSphere:
 
         along_the_least = side * np.sqrt(radius**2 - 1)
         assert_allclose(y, [along_the_least, 1, 0], atol=1e-14)
+
+
+class TestScales:
+    """argmin_{s >= 0} ||w - diag(s) R S||^2, by row, beside non-negative least
+    squares.
+    """
+
+    N = 40
+
+    @pytest.fixture
+    def R(self, rng):
+        return random_rotations(self.N, rng)[:, :2]
+
+    @pytest.fixture
+    def S(self, rng):
+        return rng.standard_normal((self.N, 3, P))
+
+    @pytest.fixture(params=[1.0, 1e-3])
+    def w(self, request, rng):
+        """Landmarks at random: of about half of the rows the best scale is 0."""
+        return request.param * rng.standard_normal((self.N, 2, P))
+
+    @pytest.fixture
+    def expected(self, R, S, w):
+        """Scales (N, 2), and the squared errors (N, 2) that they leave."""
+        rows = R @ S
+        fits = [
+            [nnls(rows[i, a][:, None], w[i, a]) for a in range(2)]
+            for i in range(self.N)
+        ]
+        scale = np.array([[x[0] for x, _ in image] for image in fits])
+        error = np.array([[norm**2 for _, norm in image] for image in fits])
+        return scale, error
+
+    @pytest.fixture
+    def found(self, R, S, w):
+        return fit_scales(R, w @ S.swapaxes(1, 2), S @ S.swapaxes(1, 2))
+
+    def test_they_are_the_best_that_are_not_negative(self, found, expected):
+        scale, _ = expected
+        assert (scale == 0).any()
+        assert_allclose(found[0], scale, atol=1e-12)
+
+    def test_the_gain_is_what_the_error_loses(self, found, expected, w):
+        _, error = expected
+        gain = (w**2).sum(axis=(1, 2)) - error.sum(axis=1)
+        assert_allclose(found[1], gain, atol=1e-12)

@@ -2,16 +2,20 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
 from shapefit.evaluation.metrics import similarity
 from shapefit.lifting.trust import (
     MEASURED_ERROR_SHARE,
     contradicts,
+    cover_mirror_image,
     expected_error,
     find_reasons,
     median_distance,
 )
+from tests.gaussians import deviations_and_correlations, single_gaussian
+from tests.lifting.posterior.scenes import FilmedScene, draw_component
 from tests.points import centred
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
@@ -93,6 +97,7 @@ class TestLandmarksThatAreShown:
         (1.0, 0.2, 15, 60, False),
         (2.6, 0.2, 15, 60, True),
         (1.0, 0.51, 15, 60, True),
+        (1.0, 0.51, 10, 60, True),
         (1.0, 0.51, 9, 60, False),  # too few landmarks for a start distance
         (np.nan, 0.2, 15, 60, True),
         (1.0, 0.9, 15, 19, False),  # too few images
@@ -170,3 +175,46 @@ def test_what_is_not_finite_has_no_expected_error():
     shapes[0, 0, 0] = np.nan
     covariance[1, 0, 0] = np.nan
     assert np.isnan(expected_error(shapes, covariance)).all()
+
+
+class TestMirrorImages:
+    """Where near and far are not told apart, a shape and its mirror image are equally
+    likely.
+    """
+
+    N = 4
+
+    @pytest.fixture
+    def estimate(self, rng):
+        prior = single_gaussian(*draw_component(rng, P, 0.1))
+        scene = FilmedScene(prior, self.N, 1e3, 1.0)
+        return scene.lift(prior, np.ones((self.N, P))).estimate
+
+    @pytest.fixture
+    def expected(self, estimate):
+        """The second moments about a shape of a mixture of it and its mirror image."""
+        mirror = np.diag(np.repeat([1.0, 1.0, -1.0], P))
+        points = centred(estimate.shapes).reshape(self.N, 3 * P)
+        away = points @ mirror - points
+        C = estimate.covariance
+        of_mirror_image = mirror @ C @ mirror + away[:, :, None] * away[:, None]
+        return (C + of_mirror_image) / 2
+
+    def test_the_covariance_is_that_of_both(self, estimate, expected):
+        covered = cover_mirror_image(estimate)
+        assert_allclose(covered.covariance, expected, atol=1e-12)
+
+    def test_so_are_bars_and_correlations(self, estimate, expected):
+        covered = cover_mirror_image(estimate)
+        blocks = expected.reshape(self.N, 3, P, 3, P)
+        of_landmark = np.einsum("naibi->niab", blocks)
+        deviation, correlation = deviations_and_correlations(of_landmark)
+        assert_allclose(covered.deviation, deviation, rtol=1e-6)
+        in_image = covered.correlation[:, 0]
+        assert_allclose(in_image, correlation[:, 0], atol=1e-6)
+        assert (covered.correlation[:, 1:] == 0).all()
+
+    def test_the_estimate_itself_stays(self, estimate):
+        before = estimate.covariance.copy()
+        cover_mirror_image(estimate)
+        assert_array_equal(estimate.covariance, before)

@@ -56,6 +56,22 @@ class TestTruthByFrame:
     ):
         assert rows("frame", own, self.ANNA) == expected
 
+    def test_times_that_are_stated_come_before_frames(self):
+        """Frames count from the first of a file, times need not."""
+        truth = MatchKeys("abcd", None, [0, 1, 2, 3], 25.0, [0.0, 0.04, 0.08, 0.12])
+        later = MatchKeys("xy", None, [0, 1], 25.0, [0.08, 0.1201])
+        assert rows("frame", later, truth) == [2, 3]
+
+    def test_frames_of_a_known_rate_have_times(self):
+        truth = MatchKeys("ab", None, [0, 1], 25.0, [0.08, 0.12])
+        own = MatchKeys("wxyz", None, [0, 1, 2, 3], 25.0)
+        assert rows("frame", own, truth) == [-1, -1, 0, 1]
+
+    def test_clocks_that_have_no_time_in_common_are_left_out(self):
+        truth = MatchKeys("ab", None, [0, 1], 25.0, [100.0, 100.04])
+        own = MatchKeys("xy", None, [0, 1], 25.0, [0.0, 0.04])
+        assert rows("frame", own, truth) == [0, 1]
+
     def test_times_where_rates_differ(self):
         own = MatchKeys(("x", "y", "z"), None, [0, 1, 2], 60.0)
         assert rows("frame", own, MatchKeys("abcde", None, None, 120.0)) == [0, 2, 4]

@@ -144,6 +144,20 @@ def test_a_fit_writes_meshes_of_the_images_that_have_a_shape(exported):
     assert relative_files(folder) == ODD_FILES
 
 
+@pytest.fixture
+def one_at_a_time(monkeypatch):
+    monkeypatch.setattr("shapefit.pipelines.meshes.MESHES_AT_ONCE", 1)
+
+
+def test_a_fit_says_how_far_it_is_with_meshes_and_how_many_it_has(
+    one_at_a_time, exported
+):
+    _, outcomes = exported
+    notes = [outcome.note for outcome in outcomes if "meshes" in outcome.note]
+    progress = [f"meshes of {done} of 3 images" for done in (1, 2, 3)]
+    assert notes == [*progress, f"{len(ODD_FILES)} meshes"]
+
+
 def test_fit_writes_what_convert_writes(tmp_path, cars, exported):
     folder, _ = exported
     dictionary, _ = cars

@@ -25,6 +25,9 @@ DECIMALS = 6  # of metres and degrees
 
 ROTATIONS = "Zrotation Xrotation Yrotation"
 
+LOCKED_BELOW = 1e-8
+"""Cosine of the middle angle at which the other two turn about one axis."""
+
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Without all of these, left and right, it is no person."""
 
@@ -136,12 +139,16 @@ def find_angles(rotations: Floats) -> Floats:
     """Return angles a, b, c (m, f, 3) in radians of rotations R_z(a) R_x(b) R_y(c).
 
     They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c +
-    pi are one rotation, and so are angles that differ by 2 pi.
+    pi are one rotation, and so are angles that differ by 2 pi. Where b is a quarter
+    turn only a + c or a - c counts: c is 0.
     """
     R = rotations
+    is_locked = np.hypot(R[..., 0, 1], R[..., 1, 1]) < LOCKED_BELOW
     a = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
+    a = np.where(is_locked, np.arctan2(R[..., 1, 0], R[..., 0, 0]), a)
     b = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
     c = np.arctan2(-R[..., 2, 0], R[..., 2, 2])
+    c = np.where(is_locked, 0.0, c)
     one = np.stack([a, b, c], axis=-1)
     other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
 

@@ -563,6 +563,12 @@ def relative_scales(
     return relative
 
 
+MIN_NEIGHBOUR_WEIGHT = 1e-6
+"""Of the frame beside that in the middle of a window, which holds one frame alone below
+it, as at low frame rates.
+"""
+
+
 def smooth_log_scale(
     scale: Floats, informative: Flags, width: float, place: Integers
 ) -> Floats:
@@ -580,6 +586,8 @@ def smooth_log_scale(
     reach = min(int(4 * width) + 1, len(level) - 1)
     k = np.arange(-reach, reach + 1)
     window = np.exp(-0.5 * (k / width) ** 2)
+    if window[reach + 1] < MIN_NEIGHBOUR_WEIGHT:
+        return level[place]
 
     def total(x: Floats, power: int) -> Floats:
         """Return sum_k window_k k^power x_(t+k) at each frame t."""

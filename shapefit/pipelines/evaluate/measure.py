@@ -492,10 +492,14 @@ def _find_units(
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
     is_common = np.isfinite(estimate + true).all(axis=1, keepdims=True)
+    has_common = is_common.any(axis=(1, 2))
+    if not has_common.any():
+        return []
 
     def size(points: Floats) -> Floats:
         """Return the sizes (n,) of shapes over the landmarks that both have."""
-        spread = np.nanstd(np.where(is_common, points, np.nan), axis=2)
+        of_common = np.where(is_common, points, np.nan)[has_common]
+        spread = np.nanstd(of_common, axis=2)
         return np.asarray(spread.mean(axis=1))
 
     ratio = float(np.nanmedian(size(true) / size(estimate)))

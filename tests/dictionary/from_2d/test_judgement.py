@@ -17,9 +17,11 @@ from shapefit.dictionary.from_2d.judgement import (
     NOTHING_IN_COMMON,
     VIEWS_ALIKE,
     evaluate_class,
+    penalty_of_views,
     roll_angles,
 )
-from shapefit.dictionary.from_2d.learning import learn_class
+from shapefit.dictionary.from_2d.learning import ClassState, learn_class
+from shapefit.dictionary.from_2d.model import Views, posterior_mean
 from shapefit.geometry.rotations import (
     exponential,
     random_rotations,
@@ -154,3 +156,56 @@ def test_verdicts(rng, case):
     judged = evaluate_class(images, state)
 
     assert judged.verdict in case.right
+
+
+class TestPenaltyOfViews:
+    """It is what the evidence loses where the views are not fitted, but anything.
+
+    log p(w | R fitted) - log (mean of p(w | R) over all R), of images of a stiff shape
+    whose views are certain: only near those fitted p is not 0.
+    """
+
+    N = 2
+
+    @pytest.fixture
+    def planted(self, plant):
+        return plant(self.N, deviation=0.0)
+
+    @pytest.fixture
+    def state(self, planted):
+        nothing = np.zeros(self.N)
+        no_outliers = np.zeros(planted.images.weights.shape, dtype=bool)
+        return ClassState(
+            planted.views, planted.model, nothing, planted.shapes, no_outliers
+        )
+
+    def log_shares(self, planted, image, turns):
+        """Return log p(w | turned R) - log p(w | R) of one image, for turns (m, 3)."""
+        m = len(turns)
+        copies = planted.images[np.full(m, image)]
+        rotation = exponential(turns) @ planted.views.rotation[image]
+        views = Views(rotation, np.full(m, planted.views.log_scale[image]))
+        found = posterior_mean(copies, views, planted.model).log_density
+        fitted = posterior_mean(planted.images, planted.views, planted.model)
+        return found - fitted.log_density[image]
+
+    @pytest.mark.parametrize(
+        ("axes", "size_of_all"),
+        [(slice(2, 3), 2 * np.pi), (slice(0, 3), 8 * np.pi**2)],
+        ids=["of the roll", "of all rotations"],
+    )
+    def test_it_is_that_of_the_evidence(self, planted, state, axes, size_of_all):
+        step = 0.004
+        angles = step * np.arange(-18, 19)
+        d = axes.stop - axes.start
+        grid = np.stack(np.meshgrid(*[angles] * d, indexing="ij"), axis=-1)
+        turns = np.zeros((angles.size**d, 3))
+        turns[:, axes] = grid.reshape(-1, d)
+        log_means = []
+        for image in range(self.N):
+            total = np.exp(self.log_shares(planted, image, turns)).sum() * step**d
+            log_means.append(np.log(total / size_of_all))
+
+        found = penalty_of_views(planted.images, state, axes)
+
+        assert found == pytest.approx(-sum(log_means), abs=0.02 * self.N)

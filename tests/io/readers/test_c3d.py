@@ -140,6 +140,48 @@ def test_a_name_that_is_too_long_leads_nowhere(c3d, size):
     check_damage_is_told(path)
 
 
+BLOCK_SIZE = 512
+"""Bytes of a block, in which C3D counts."""
+
+
+def end_of_parameters(data: bytes) -> int:
+    """Return where the record without a name is, that ends the parameters."""
+    place = BLOCK_SIZE * (data[0] - 1) + 4
+    while data[place]:
+        (length,) = struct.unpack_from("b", data, place)
+        end_of_name = place + 2 + abs(length)
+        (following,) = struct.unpack_from("<H", data, end_of_name)
+        place = end_of_name + following
+    return place
+
+
+def group_record(number: int, size: int) -> bytes:
+    """Return the record of a group of so many bytes, most of them its description."""
+    head = struct.pack("bb", 1, -number) + b"A"
+    description = b"d" * (size - len(head) - 3)
+    return head + struct.pack("<HB", size - len(head), len(description)) + description
+
+
+@pytest.mark.parametrize("size_of_last", [7, 8, 60])
+def test_parameters_may_fill_their_section_to_its_last_byte(
+    c3d, check_points, size_of_last
+):
+    path, points = c3d()
+    data = bytearray(path.read_bytes())
+    place = end_of_parameters(data)
+    (block_of_data,) = struct.unpack_from("<H", data, 16)
+    room = BLOCK_SIZE * (block_of_data - 1) - place - size_of_last
+    sizes = [100] * (room // 100 - 1) + [100 + room % 100, size_of_last]
+    records = [group_record(50 + i, size) for i, size in enumerate(sizes)]
+    data[place : place + sum(sizes)] = b"".join(records)
+    path.write_bytes(data)
+
+    shapes, notes = load_shapes(path)
+
+    check_points(shapes, points / 1000)
+    assert notes == ()
+
+
 FRAMES_OF_HEADER = 6
 """Where the header says the first and the last frame."""
 

@@ -45,6 +45,13 @@ def test_names_that_repeat_do_not_name_items(table, delimiter):
     assert "call a column `frame`" in note
 
 
+def test_names_of_which_one_is_missing_do_not_name_items(table):
+    text = SPECIMENS.format("species", "Mus", "")
+    images, (note, *_) = read(table(text))
+    assert images.items == ("t/0", "t/1")
+    assert "single images" in note
+
+
 @pytest.mark.parametrize("delimiter", [",", ";"])
 @pytest.mark.parametrize("column", ["item", "image", "Taxon"])
 @pytest.mark.parametrize("track", ["none", "motion"])

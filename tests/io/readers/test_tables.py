@@ -298,3 +298,11 @@ def test_recordings_of_freemocap(table):
     assert shapes.sequences == ("body_3d_xyz",) * 2
     assert shapes.frames.tolist() == [1, 2]
     assert shapes.unit == "mm"
+
+
+def test_a_recording_of_freemocap_may_have_lost_other_columns(table):
+    names = [f"body_{n}_{a}" for n in ("nose", "left_hip") for a in "xyz"]
+    rows = [",".join(names), "0,1,2,3,4,5", "1,2,3,4,5,6"]
+    shapes, _ = read_table_of_shapes(table("\n".join(rows), "body_3d_xyz.csv"))
+    assert shapes.sequences == ("body_3d_xyz",) * 2
+    assert shapes.unit == "mm"

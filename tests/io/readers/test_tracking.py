@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
 from shapefit.io.options import InputOptions
-from shapefit.io.readers.poses import Poses
+from shapefit.io.readers.poses import Poses, name_individual
 from shapefit.io.readers.tracking import MAX_UNSEEN_FRAMES, assign, track_people
 
 FIGURE = np.array(
@@ -247,3 +247,27 @@ def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(
     left[1::2] = np.nan
     right[::2] = np.nan
     assert is_followed([left, right], [0, 1]) == same
+
+
+IDENTITIES = [
+    ("Ann", "Ann"),
+    (3, "id 3"),
+    (0, "id 0"),
+    (2.0, "id 2"),
+    ([7], "id 7"),
+    ([["Ann"]], "Ann"),
+    (-1, ""),
+    ([-1], ""),
+    (True, ""),
+    (None, ""),
+    ({}, ""),
+    ([], ""),
+    ([3, 4], ""),
+    (["Ann", "Bob"], ""),
+]
+"""What a file gives for an identity, and the name of the individual."""
+
+
+@pytest.mark.parametrize(("who", "name"), IDENTITIES)
+def test_an_identity_is_a_text_or_a_number_from_0(who, name):
+    assert name_individual(who) == name

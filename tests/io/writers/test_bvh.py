@@ -89,6 +89,21 @@ def test_a_result_rests_in_a_t(target, scene):
             np.testing.assert_allclose(bones[name], expected, atol=1e-5)
 
 
+def test_twelve_joints_of_limbs_are_a_person(target, shapes):
+    """Shoulders, elbows and wrists, hips, knees and ankles."""
+    middle = {"pelvis", "neck", "head"}
+    is_limb = np.array([name not in middle for name in shapes.landmark_names])
+    assert is_limb.sum() == 12
+    limbs = tuple(np.array(shapes.landmark_names)[is_limb].tolist())
+
+    save(
+        target, shapes.replaced(shapes=shapes.shapes[:, is_limb], landmark_names=limbs)
+    )
+
+    names = set(re.findall(r"JOINT (\S+)", target.read_text()))
+    assert names >= {"LeftForeArm", "RightHand", "LeftLeg", "RightFoot"}
+
+
 @pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
 def test_the_time_of_a_frame_is_exact_to_ten_digits(target, shapes, rate):
     save(target, shapes.replaced(frame_rate=rate))
@@ -121,6 +136,38 @@ def test_gaps_are_bridged(target, shapes):
     np.testing.assert_allclose(foot, middle, atol=20 * MILLIMETRE)
 
 
+@pytest.mark.parametrize(("missing", "nearest"), [(0, 1), (-1, -2)])
+def test_before_and_after_what_is_known_a_landmark_stays(
+    target, shapes, missing, nearest
+):
+    wrist = shapes.landmark_names.index("lwrist")
+    others = np.arange(len(shapes.landmark_names)) != wrist
+    shapes.shapes[:] = shapes.shapes[nearest]
+    held = shapes.shapes.copy()
+    shapes.shapes[missing, wrist] = np.nan
+    assert np.isfinite(shapes.shapes[missing, others]).all()
+
+    save(target, shapes)
+
+    hand = read_joints(target, ["LeftHand"])[missing, :, 0]
+    assert_joints_near(hand, held[missing, wrist] / 100)
+
+
+OFFSET = r"OFFSET (\S+) (\S+) (\S+)"
+TIP = OFFSET + r"\s+CHANNELS[^\n]*\s+End Site\s*\{\s*" + OFFSET
+"""Offsets of a last joint and of its end."""
+
+
+def test_limbs_go_on_beyond_their_last_joints(target, scene):
+    save(target, scene.result)
+    limbs = np.array(re.findall(TIP, target.read_text()), float).reshape(-1, 2, 3)
+    bones, ends = limbs[:, 0], limbs[:, 1]
+    share = np.linalg.norm(ends, axis=1) / np.linalg.norm(bones, axis=1)
+    assert len(limbs) == 5  # head, hands and feet
+    assert (share > 0).all()
+    np.testing.assert_allclose(ends, share[:, None] * bones, atol=1e-5)
+
+
 def test_what_has_no_place_is_left_out(target, shapes):
     shapes.shapes[:, 8] = np.nan
     save(target, shapes)
@@ -146,6 +193,13 @@ def test_other_classes_keep_their_names(target, animal):
     save(target, animal)
     joints = read_joints(target, ["the_back", "tail", "left_ear_", "nose_"])
     assert_joints_near(joints, animal.as_columns())
+
+
+def test_names_that_bvh_would_confuse_differ(target, animal):
+    named = animal.replaced(landmark_names=("back", "the tail", "the_tail", "nose"))
+    save(target, named)
+    joints = read_joints(target, ["back", "the_tail", "the_tail_", "nose"])
+    assert_joints_near(joints, named.as_columns())
 
 
 @pytest.mark.parametrize("change", ["no edges", "no places"])
@@ -176,3 +230,24 @@ def test_angles_of_slow_turns_change_little():
     (angles,) = find_angles(rotations_of(smooth)[None])
     steps = np.abs(np.diff(angles, axis=0))
     assert steps.max() < np.radians(6)
+
+
+@pytest.mark.parametrize("middle", [-np.pi / 2, np.pi / 2])
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-7, 1e-5])
+def test_near_a_quarter_turn_about_the_middle_axis_angles_are_right(rng, middle, off):
+    """There the other two are of one axis, and rounding alone tells them apart."""
+    others = rng.uniform(-np.pi, np.pi, (20, 2))
+    away = off * rng.choice([-1, 1], 20)
+    angles = np.column_stack([others[:, 0], middle + away, others[:, 1]])
+    R = rotations_of(angles)
+    (found,) = find_angles(R[:, None].swapaxes(0, 1))
+    np.testing.assert_allclose(rotations_of(found), R, atol=3e-8)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_quarter_turn_that_is_rounded_up_has_angles(sign):
+    """Its sine is a little more than 1."""
+    (R,) = rotations_of(np.array([[0.3, sign * np.pi / 2, 0.0]]))
+    R[2, 1] = sign * np.nextafter(1.0, 2.0)
+    (angles,) = find_angles(R[None, None])
+    np.testing.assert_allclose(rotations_of(angles)[0], R, atol=1e-7)

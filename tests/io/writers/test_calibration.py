@@ -1,5 +1,6 @@
 """Cameras of results as TOML: they see the files in metres where the landmarks are."""
 
+import json
 import tomllib
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.readers.calibration import read_camera
 from shapefit.io.writers import calibration, motion
 from shapefit.records import concatenate
+from tests.columns import put
 from tests.io.files import save
 from tests.io.writers.conftest import CENTRE, FOCAL, trc_points
 
@@ -105,6 +107,29 @@ def test_a_section_has_what_pose2sim_and_anipose_read(target, with_lens):
     assert len(section["rotation"]) == 3
     assert len(section["translation"]) == 3
     assert section["fisheye"] is False
+
+
+def size_in(path):
+    """Return the size of the images of the one camera in a file."""
+    ((_, section),) = tomllib.loads(path.read_text(encoding="utf-8")).items()
+    return section["size"]
+
+
+def test_the_size_of_images_is_that_of_the_file(target, filmed):
+    of_file = put(filmed, {}, {"image_size": np.array([1920, 1080])})
+    save(target, of_file)
+    assert size_in(target) == [1920, 1080]
+
+
+def test_else_it_is_the_one_that_the_fit_was_told(target, filmed):
+    config = {"config": json.dumps({"image_size": [1920, 1080]})}
+    save(target, replace(filmed, attributes={**filmed.attributes, **config}))
+    assert size_in(target) == [1920, 1080]
+
+
+def test_else_the_principal_point_is_taken_for_the_middle(target, filmed):
+    save(target, filmed)
+    assert size_in(target) == (2 * CENTRE).tolist()
 
 
 def test_the_lens_comes_back(target, with_lens):

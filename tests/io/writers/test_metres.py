@@ -7,6 +7,7 @@ from shapefit.errors import InputError
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.metres import find_stature, in_metres
+from shapefit.records import Fit
 from tests.columns import put
 
 NOTHING = OutputOptions()
@@ -131,14 +132,68 @@ def test_height_of_other_objects_is_their_largest_extent_upright(scene):
     assert extent == pytest.approx(0.3)
 
 
+def test_one_image_with_a_landmark_far_off_does_not_set_the_height(scene):
+    names = tuple(f"point {i}" for i in range(15))
+    shapes = scene.result.shapes[:1].repeat(200, axis=0)
+    shapes[7, 0, 1] += 100 * np.ptp(shapes[0, :, 1])
+    result = Fit(shapes, landmark_names=names, unit="px", y_axis="down")
+    points = points_in_metres(result, OutputOptions(height=0.3))
+    assert np.ptp(points[0, 1]) == pytest.approx(0.3)
+
+
+def state_heights(result, heights):
+    return result.replaced(stated_height=np.array(heights))
+
+
+def test_the_height_that_a_result_states_sets_the_size(scene):
+    """Failed images have none."""
+    result = state_heights(scene.result, [1.5, np.nan, 1.5, 1.5])
+    placed = in_metres(result, NOTHING, "man.trc")
+    stature = find_stature(placed.points, result.landmark_names)
+    np.testing.assert_allclose(stature, 1.5, rtol=1e-9)
+    assert placed.size == "height 1.5 m"
+
+
+def test_a_height_that_is_given_goes_before_the_stated_one(scene):
+    result = state_heights(scene.result, [1.5] * 4)
+    placed = in_metres(result, OutputOptions(height=1.9), "man.trc")
+    assert placed.size == "height 1.9 m"
+
+
+def test_without_any_stated_height_the_size_is_that_of_the_training_shapes(scene):
+    result = state_heights(scene.result, [np.nan] * 4)
+    placed = in_metres(result, NOTHING, "man.trc")
+    assert_near(placed.points, scene.y_up)
+    assert placed.size == "the size of the training shapes"
+
+
+def test_a_body_that_is_wider_than_high_stands_on_the_ground_too(scene):
+    wide = scene.result.shapes * np.array([9.0, 1.0, 9.0])
+    result = scene.result.replaced(shapes=wide)
+    points = points_in_metres(result.without(["camera_translation", *EXTRINSICS]))
+    assert points[:, 1].min() == pytest.approx(0)
+    assert points[:, 0].min() < -1
+
+
 @pytest.mark.parametrize("missing", [[], ["camera_translation"]])
-def test_failed_items_stay_gaps(scene, missing):
+@pytest.mark.parametrize("failed", range(4))
+def test_failed_items_stay_gaps(scene, missing, failed):
     shapes = scene.result.shapes.copy()
-    shapes[1] = np.nan
+    shapes[failed] = np.nan
     result = scene.result.without(missing).replaced(shapes=shapes)
     points = points_in_metres(result)
     finite = np.isfinite(points).all(axis=(1, 2))
-    assert finite.tolist() == [True, False, True, True]
+    assert finite.tolist() == [image != failed for image in range(4)]
+
+
+@pytest.mark.parametrize("failed", range(2))
+def test_under_weak_perspective_the_first_shape_is_at_0(scene, failed):
+    """The first that there is, where images before it have failed."""
+    shapes = scene.result.shapes.copy()
+    shapes[:failed] = np.nan
+    result = scene.result.without(["camera_translation"]).replaced(shapes=shapes)
+    first_middle = points_in_metres(result)[failed].mean(axis=1)
+    assert_near(first_middle[[0, 2]], 0)
 
 
 @pytest.mark.parametrize("missing", [[], ["camera_translation"]])

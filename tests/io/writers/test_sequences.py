@@ -125,6 +125,12 @@ def test_files_are_named_after_sequences(tmp_path, target, several, one, other, 
     assert sorted(tmp_path.iterdir()) == sorted(written)
 
 
+def test_an_ending_of_two_parts_stays_whole_behind_the_sequences(tmp_path, several):
+    written = save(tmp_path / "man.METRES.csv", several).written
+    names = sorted(path.name for path in written)
+    assert names == ["man_a.METRES.csv", "man_b.METRES.csv"]
+
+
 def test_options_for_metres_need_such_a_format(tmp_path):
     options = OutputOptions(height=1.8)
     fault = "height: an HDF5 file keeps the unit and the axes"

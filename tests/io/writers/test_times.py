@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.io.readers.motion import read_bvh
-from shapefit.io.writers.motion import bridge_gaps, find_times
+from shapefit.io.writers.motion import MAX_GAP_SECONDS, bridge_gaps, find_times
 from tests.io.files import save
 from tests.io.writers.conftest import parse_trc
 
@@ -147,3 +147,17 @@ def test_no_gap_is_bridged_from_an_unknown_value():
 def test_without_gaps_values_stay_as_they_are():
     values = np.zeros((4, 2))
     assert bridge_gaps(values, np.arange(4), 24.0) is values
+
+
+@pytest.mark.parametrize("rate", [10.0, 24.0, 120.0])
+def test_a_gap_is_bridged_up_to_its_longest_time(rate):
+    """That of the frames that are missing, not that between those at its ends."""
+    missing = int(MAX_GAP_SECONDS * rate)
+    values = np.array([[0.0], [1.0]])
+
+    bridged = bridge_gaps(values, np.array([0, missing + 1]), rate)[:, 0]
+    open_gap = bridge_gaps(values, np.array([0, missing + 2]), rate)[:, 0]
+
+    np.testing.assert_allclose(bridged, np.linspace(0, 1, missing + 2))
+    assert np.isnan(open_gap[1:-1]).all()
+    assert open_gap[[0, -1]].tolist() == [0, 1]

@@ -2,7 +2,7 @@
 are not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,11 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.posterior import calibration
-from shapefit.lifting.posterior.calibration import HiddenInTurn, hide_in_turn
+from shapefit.lifting.posterior.calibration import (
+    MIN_PREDICTIONS,
+    HiddenInTurn,
+    hide_in_turn,
+)
 from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.model import PosteriorModel
 from tests.lifting.posterior.scenes import RESIDUAL_VARIANCE, FilmedScene, P
@@ -31,7 +35,23 @@ class Case:
     prior: Mixture
     camera: Camera | None
 
-    def hide(self, weights=None, prior=None, landmarks=None) -> HiddenInTurn:
+    def turned(self) -> "Case":
+        """Return the images turned by a quarter: x is -y, and y is x."""
+        x, y = np.moveaxis(self.landmarks, 1, 0)
+        if self.camera is None:
+            return replace(self, landmarks=np.stack([-y, x], axis=1))
+        middle_x, middle_y = self.camera.centre.T[..., None]
+        landmarks = np.stack([middle_y - y, x - middle_x], axis=1)
+        camera = replace(
+            self.camera,
+            focal=self.camera.focal[:, ::-1],
+            centre=np.zeros_like(self.camera.centre),
+        )
+        return replace(self, landmarks=landmarks, camera=camera)
+
+    def hide(
+        self, weights=None, prior=None, landmarks=None, inliers=None
+    ) -> HiddenInTurn:
         """Lift the images, and hide each landmark in turn."""
         model = PosteriorModel(
             prior=prior or self.prior,
@@ -47,9 +67,9 @@ class Case:
             camera=self.camera,
         )
         found = lifting.estimate
-        return hide_in_turn(
-            lifting.problem, found.rotation, found.inlier_probability, model
-        )
+        if inliers is None:
+            inliers = found.inlier_probability
+        return hide_in_turn(lifting.problem, found.rotation, inliers, model)
 
 
 @pytest.fixture(params=["weak perspective", "near a camera"])
@@ -68,6 +88,29 @@ def test_true_bars_hold_the_hidden_landmarks(case):
     assert found.kappa == pytest.approx(1, abs=0.35)
     assert found.inside == pytest.approx(0.9, abs=0.08)
     assert np.median(found.by_landmark) == pytest.approx(1, abs=0.35)
+
+
+def test_a_quarter_turn_of_the_images_changes_nothing(case):
+    found = case.hide()
+    turned = case.turned().hide()
+    assert turned.kappa == pytest.approx(found.kappa, rel=1e-3)
+    assert_allclose(turned.by_landmark, found.by_landmark, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("outliers", "has_own"), [(12, True), (13, False)])
+def test_what_is_an_outlier_in_most_images_that_show_it_has_no_growth_of_its_own(
+    case, outliers, has_own
+):
+    """Landmark 2 is seen in 24 images; it has no part in the growth of the file."""
+    weights = np.ones((N, P))
+    weights[24:, 2] = 0.0
+    inliers = np.where(weights > 0, 0.9, np.nan)
+    inliers[:outliers, 2] = 0.1
+
+    found = case.hide(weights=weights, inliers=inliers)
+
+    assert np.isfinite(found.by_landmark[2]) == has_own
+    assert found.predictions == N * (P - 1) + 24 * has_own
 
 
 def test_of_many_landmarks_some_are_hidden(case, monkeypatch):
@@ -104,6 +147,16 @@ def test_what_is_seldom_seen_has_the_growth_of_the_file(case):
 
     assert np.isnan(found.by_landmark[[2, 3]]).all()
     assert found.predictions == N * (P - 2) + 5
+
+
+@pytest.mark.parametrize(("seen", "has_own"), [(0, True), (-1, False)])
+def test_a_landmark_that_is_seen_often_enough_has_a_growth_of_its_own(
+    case, seen, has_own
+):
+    weights = np.ones((N, P))
+    weights[MIN_PREDICTIONS + seen :, 2] = 0.0
+    found = case.hide(weights=weights)
+    assert np.isfinite(found.by_landmark[2]) == has_own
 
 
 def test_growth_is_not_below_that_of_the_file():

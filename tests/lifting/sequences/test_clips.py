@@ -9,8 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shapefit.lifting.sequences.clips import (
+    MIN_CLIP_FRAMES,
+    Clips,
     add_common_error,
     find_acceleration_scale,
+    is_informative,
+    judged_by,
     nearest_informative,
     relative_scales,
 )
@@ -109,6 +113,16 @@ class TestAccelerationScale:
         assert find_acceleration_scale(short, expected, lag) == 1
 
 
+def test_a_window_of_one_frame_smooths_nothing(rng):
+    """As at low frame rates."""
+    level = rng.standard_normal(20)
+    all_there = np.ones(20, dtype=bool)
+
+    found = relative_scales(np.exp(level), all_there, 0.01, Timeline.of_frames(20))
+
+    assert_allclose(np.log(found), level - level.mean(), atol=1e-12)
+
+
 @pytest.mark.parametrize("width", [2.0, 30.0])
 class TestGrowth:
     """It is a line through what is near each frame, without its mean."""
@@ -141,3 +155,63 @@ class TestGrowth:
         found = relative_scales(nearer, there, width, self.TIMELINE)
 
         assert_allclose(np.log(found)[1:], line[1:], atol=1e-4)
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 500.0])
+class TestInformative:
+    """An image says something where its bars are narrower than a share of its size,
+    whatever the unit.
+    """
+
+    N = 3
+
+    def clips_with(self, rng, scale, width):
+        """Return clips whose bars have a root mean square of so many sizes."""
+        deviation = rng.uniform(0.5, 2, (self.N, 3, P))
+        deviation *= (
+            width * scale / np.sqrt((deviation**2).mean(axis=(1, 2)))[:, None, None]
+        )
+        return Clips(
+            landmarks=np.zeros((self.N, 2, P)),
+            trust=np.ones((self.N, P)),
+            points=np.zeros((self.N, 3, P)),
+            scale=np.full(self.N, scale),
+            centre=np.zeros((self.N, 2)),
+            modes=None,
+            residual_variance=0.01,
+            noise=None,
+            deviation=deviation,
+            position=np.arange(self.N),
+        )
+
+    def test_narrow_bars_are_informative(self, rng, scale):
+        clips = self.clips_with(rng, scale, 0.99 * CONSTANTS.max_deviation)
+        assert is_informative(clips).all()
+
+    def test_wide_bars_are_not(self, rng, scale):
+        clips = self.clips_with(rng, scale, 1.01 * CONSTANTS.max_deviation)
+        assert not is_informative(clips).any()
+
+    def test_nor_is_an_image_without_a_point(self, rng, scale):
+        clips = self.clips_with(rng, scale, 0.5)
+        clips.points[1, 2, 0] = np.nan
+        assert is_informative(clips).tolist() == [True, False, True]
+
+
+class TestFramesThatJudgeAStretch:
+    """Whether it has moved too far."""
+
+    def test_enough_informative_frames_of_its_own_do(self):
+        informative = np.ones(12, dtype=bool)
+        informative[5] = False
+        stretch = slice(4, 5 + MIN_CLIP_FRAMES)
+        own = [4, *range(6, 5 + MIN_CLIP_FRAMES)]
+        assert len(own) == MIN_CLIP_FRAMES
+        assert judged_by(stretch, informative).tolist() == own
+
+    def test_with_fewer_those_of_the_sequence_do(self):
+        informative = np.ones(12, dtype=bool)
+        informative[[2, 5]] = False
+        stretch = slice(4, 4 + MIN_CLIP_FRAMES)
+        everywhere = np.flatnonzero(informative).tolist()
+        assert judged_by(stretch, informative).tolist() == everywhere

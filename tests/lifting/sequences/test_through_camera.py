@@ -121,6 +121,42 @@ class TestTrueDepths:
         assert_allclose(back.landmarks_fitted, exact_landmarks)
 
 
+class TestMovedBodies:
+    """A refinement that moves bodies sideways and bends them."""
+
+    @pytest.fixture
+    def moved(self, scene, lifting):
+        rng = np.random.default_rng(5)
+
+        def refine(weak, landmarks):
+            size = weak.scale[:, None, None]
+            bent = weak.shapes + 0.1 * size * rng.standard_normal(weak.shapes.shape)
+            bent[:, :2] += 0.5 * size * rng.standard_normal((N, 2, 1))
+            return replace(weak, shapes=bent)
+
+        return refine_through_camera(lifting, scene.landmarks, refine)
+
+    def test_the_translation_is_where_the_camera_sees_the_middle(self, scene, moved):
+        middle = moved.perspective.translation[..., None]
+        seen = project_pinhole(scene.camera, middle)[..., 0]
+        assert_allclose(moved.translation, seen)
+
+    def test_shapes_lie_about_their_translation(self, moved):
+        middle = moved.shapes[:, :2].mean(axis=2)
+        assert_allclose(middle, moved.translation)
+
+    def test_fitted_landmarks_are_the_shapes_seen_from_there(self, scene, moved):
+        in_sizes = centred(moved.shapes) / moved.scale[:, None, None]
+        in_sizes[:, 2] = moved.shapes[:, 2] / moved.scale[:, None]
+        before_camera = in_sizes + moved.perspective.translation[..., None]
+        seen = project_pinhole(scene.camera, before_camera)
+        assert_allclose(moved.landmarks_fitted, seen)
+
+    def test_the_estimate_has_the_translation_too(self, moved):
+        translation = moved.estimate.camera_translation
+        assert_allclose(translation, moved.perspective.translation)
+
+
 class TestErrors:
     """Of a sequence of which one image says nothing, and has the bars of a neighbour;
     bars grow by landmark.

@@ -7,6 +7,7 @@ import pytest
 
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
+from shapefit.io import read_results
 from shapefit.lifting.lift import lift
 from tests.pipelines.fitted import failures, texts
 
@@ -182,3 +183,16 @@ def test_a_refused_input_leaves_the_old_result(fit, tmp_path, dictionary):
     names = ["dictionary.h5", "result.h5", "views.csv"]
     assert old.read_text() == "old"
     assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+@pytest.mark.parametrize("option", [("--frames", "100:200"), ("--min-confidence", "5")])
+def test_where_no_image_is_left_the_command_ends_with_1(project, tmp_path, option):
+    from shapefit.cli.main import run
+
+    target = tmp_path / "result.h5"
+    code = run(
+        ["fit", str(project / "sample_data/openpose"), *option, "-o", str(target)]
+    )
+
+    assert code == 1
+    assert len(read_results(target)) == 0

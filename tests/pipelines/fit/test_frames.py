@@ -55,6 +55,23 @@ def test_every_format_gives_the_same_frames(tmp_path, ending, frames):
     assert left_out == 2 * COUNT - len(rows)
 
 
+def test_every_third_frame_begins_with_the_first(tmp_path):
+    path = tmp_path / "video.h5"
+    with record_writer(path, LANDMARKS) as writer:
+        writer.append(video(n=8))
+    some, _ = read(path, every=3)
+    assert some.frames.tolist() == [0, 3, 6] * 2
+
+
+def test_a_range_of_which_a_video_has_nothing_is_empty(tmp_path):
+    path = tmp_path / "video.h5"
+    with record_writer(path, LANDMARKS) as writer:
+        writer.append(video())
+    none, left_out = read(path, frames=(COUNT, None))
+    assert none.items == ()
+    assert left_out == 2 * COUNT
+
+
 def test_rows_are_those_of_the_frames_that_stay(tmp_path):
     path = tmp_path / "video.h5"
     with record_writer(path, LANDMARKS) as writer:

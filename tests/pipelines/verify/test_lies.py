@@ -149,6 +149,28 @@ def test_a_lie_is_found(changed_case, verify, dictionaries, landmarks, name):
     assert found.note.splitlines()[-1] != nothing_false
 
 
+def confidence_of_images(file):
+    """Replace the confidences by one number an image."""
+    n = len(file["item"])
+    del file["confidence"]
+    file["confidence"] = np.full(n, 0.5)
+
+
+def confidence_in_words(file):
+    values = np.full(file["confidence"].shape, b"sure")
+    del file["confidence"]
+    file["confidence"] = values
+
+
+@pytest.mark.parametrize("lie", [confidence_of_images, confidence_in_words])
+def test_confidences_that_are_no_number_a_landmark_are_refused(
+    changed_case, verify, dictionaries, lie
+):
+    result = changed_case("posterior", lie)
+    with pytest.raises(InputError, match=r"/confidence: holds .*; store numbers \("):
+        verify(result, dictionaries["walk"])
+
+
 def test_the_atoms_of_a_left_out_item_are_not_used(changed_case, verify, dictionaries):
     with h5py.File(dictionaries["cars"]) as file:
         names = file["atom_item"].asstr()[()].tolist()
