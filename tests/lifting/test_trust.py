@@ -1,5 +1,7 @@
 """Rules over what a result stores of its error, and the error that is expected."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -213,6 +215,11 @@ class TestMirrorImages:
         in_image = covered.correlation[:, 0]
         assert_allclose(in_image, correlation[:, 0], atol=1e-6)
         assert (covered.correlation[:, 1:] == 0).all()
+
+    def test_how_deep_a_shape_stands_does_not_matter(self, estimate, expected):
+        deeper = estimate.shapes + np.array([0.0, 0.0, 7.0])[:, None]
+        covered = cover_mirror_image(replace(estimate, shapes=deeper))
+        assert_allclose(covered.covariance, expected, atol=1e-12)
 
     def test_the_estimate_itself_stays(self, estimate):
         before = estimate.covariance.copy()

@@ -2,6 +2,8 @@
 are not.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,12 +14,13 @@ from numpy.testing import assert_allclose
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import Camera
-from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.posterior import calibration
 from shapefit.lifting.posterior.calibration import (
     MIN_PREDICTIONS,
     HiddenInTurn,
     hide_in_turn,
+    predict_hidden,
 )
 from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.model import PosteriorModel
@@ -35,7 +38,7 @@ class Case:
     prior: Mixture
     camera: Camera | None
 
-    def turned(self) -> "Case":
+    def turned(self) -> Case:
         """Return the images turned by a quarter: x is -y, and y is x."""
         x, y = np.moveaxis(self.landmarks, 1, 0)
         if self.camera is None:
@@ -49,16 +52,17 @@ class Case:
         )
         return replace(self, landmarks=landmarks, camera=camera)
 
-    def hide(
-        self, weights=None, prior=None, landmarks=None, inliers=None
-    ) -> HiddenInTurn:
-        """Lift the images, and hide each landmark in turn."""
-        model = PosteriorModel(
+    def model(self, prior=None) -> PosteriorModel:
+        """Return the model of a prior, by default that of the images."""
+        return PosteriorModel(
             prior=prior or self.prior,
             mean_shape=self.prior.means[0],
             residual_variance=RESIDUAL_VARIANCE,
         )
-        lifting = lift(
+
+    def lift(self, model, weights=None, landmarks=None) -> Lifting:
+        """Lift the images, or these landmarks in their place."""
+        return lift(
             self.landmarks if landmarks is None else landmarks,
             np.ones((N, P)) if weights is None else weights,
             self.prior.means,
@@ -66,6 +70,13 @@ class Case:
             partial(lift_to_posterior, model=model, solve=solve_newton),
             camera=self.camera,
         )
+
+    def hide(
+        self, weights=None, prior=None, landmarks=None, inliers=None
+    ) -> HiddenInTurn:
+        """Lift the images, and hide each landmark in turn."""
+        model = self.model(prior)
+        lifting = self.lift(model, weights, landmarks)
         found = lifting.estimate
         if inliers is None:
             inliers = found.inlier_probability
@@ -111,6 +122,36 @@ def test_what_is_an_outlier_in_most_images_that_show_it_has_no_growth_of_its_own
 
     assert np.isfinite(found.by_landmark[2]) == has_own
     assert found.predictions == N * (P - 1) + 24 * has_own
+
+
+@pytest.mark.parametrize("confidence", [0.1, 0.3])
+def test_a_landmark_of_little_confidence_may_be_farther_off(case, rng, confidence):
+    """By as much as its noise is more: a deviation over the confidence."""
+    weights = np.ones((N, P))
+    weights[:, 2] = confidence
+    unit = np.std(case.landmarks, axis=2).mean() / np.std(case.prior.means[0])
+    noise = unit * np.sqrt(RESIDUAL_VARIANCE) / confidence
+    landmarks = case.landmarks.copy()
+    landmarks[:, :, 2] += noise * rng.standard_normal((N, 2))
+
+    found = case.hide(weights=weights, landmarks=landmarks)
+
+    assert found.by_landmark[2] == pytest.approx(1, abs=0.5)
+
+
+@pytest.mark.parametrize("share", [2, 3, 5])
+def test_those_that_are_hidden_are_of_all_landmarks_and_images(
+    case, monkeypatch, share
+):
+    monkeypatch.setattr(calibration, "MAX_HIDDEN", N * P // share)
+    model = case.model()
+    lifting = case.lift(model)
+
+    square = predict_hidden(lifting.problem, lifting.estimate.rotation, model)
+
+    is_hidden = np.isfinite(square)
+    assert abs(is_hidden.sum(axis=0) - N / share).max() <= 1
+    assert abs(is_hidden.sum(axis=1) - P / share).max() <= 1
 
 
 def test_of_many_landmarks_some_are_hidden(case, monkeypatch):
