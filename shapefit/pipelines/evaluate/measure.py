@@ -492,7 +492,7 @@ def _find_units(
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
     is_common = np.isfinite(estimate + true).all(axis=1, keepdims=True)
-    has_common = is_common.any(axis=(1, 2))
+    has_common: Flags = is_common[:, 0].any(axis=1)
     if not has_common.any():
         return []
 
