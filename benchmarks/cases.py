@@ -521,6 +521,8 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             tested,
             "-o",
             bench.folder / "report",
+            "--set",
+            "plots=none" if one is bench.new else "plots=false",
         ],
         "verify, 21,740 images": lambda one: [
             "verify",

@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from benchmarks.lower_bounds import best_combination, nearest_atom
 from benchmarks.optimality import sections
@@ -100,7 +101,7 @@ def test_the_nearest_atom_is_the_one_that_the_shape_was_made_from(atoms, rng):
     noise = 0.01 * rng.standard_normal((4, 3, 9))
     shapes = 5 * random_rotations(4, rng) @ (shown + noise) + 7
     expected = similarity(shown, shapes)
-    np.testing.assert_allclose(nearest_atom(shapes, atoms), expected, rtol=1e-12)
+    assert_allclose(nearest_atom(shapes, atoms), expected, rtol=1e-12)
 
 
 def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(
@@ -111,5 +112,5 @@ def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(
     turned = 3 * random_rotations(6, rng) @ mixed
     shapes = turned + rng.standard_normal((6, 3, 1))
     best = best_combination(shapes, atoms)
-    np.testing.assert_allclose(best, 3 * mixed, atol=1e-3)
-    np.testing.assert_allclose(similarity(best, shapes), 0, atol=1e-3)
+    assert_allclose(best, 3 * mixed, atol=1e-3)
+    assert_allclose(similarity(best, shapes), 0, atol=1e-3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import shapefit
 from experiments.car_bodies import (
@@ -57,7 +58,7 @@ def test_cameras_stand_all_around_and_look_from_above(images):
     gaps = np.diff(np.sort(headings))
     y_of_up_in_the_image = R[:, 1, 1]
     height_of_the_view = R[:, 2, 1]
-    np.testing.assert_allclose(np.linalg.det(R), 1)
+    assert_allclose(np.linalg.det(R), 1)
     assert gaps.max() < 2 * 360 / VIEWS
     assert (y_of_up_in_the_image < -0.9).all()  # y of an image points down
     assert (height_of_the_view < 0).all()
@@ -71,7 +72,7 @@ def test_images_show_the_side_that_faces_the_camera(cars, images, row):
     x, y, z = R @ centred.T
     seen = visible(images.landmarks[row])
     expected = FOCAL * np.stack([x, y], axis=1) / (z + DISTANCE)[:, None]
-    np.testing.assert_allclose(images.landmarks[row][seen], expected[seen])
+    assert_allclose(images.landmarks[row][seen], expected[seen])
     assert z[seen].mean() < z.mean() - 0.2
 
 
@@ -104,7 +105,7 @@ def test_cases_are_fitted_by_both_methods(measured, images):
     assert [case.body for case in cases] == list(SHOWN)
     for case in cases:
         row = images.items.index(f"{SHOWN[case.body]}/{SHOWN_VIEW}")
-        np.testing.assert_array_equal(case.landmarks, images.landmarks[row])
+        assert_array_equal(case.landmarks, images.landmarks[row])
         assert list(case.fitted) == list(METHODS)[:2]
 
 

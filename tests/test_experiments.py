@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.special import kolmogorov
 
 import shapefit
@@ -99,9 +100,9 @@ def test_the_share_of_the_visible_landmarks_is_replaced(images, share):
     have_a_box = seen.sum(axis=1) > 1
     changed = replaced_landmarks(images, corrupted)
     deviations = wrong.sum(axis=1) - share * seen.sum(axis=1)
-    np.testing.assert_array_equal(sensitivity.visible(corrupted), seen)
+    assert_array_equal(sensitivity.visible(corrupted), seen)
     assert np.abs(deviations).max() < 1
-    np.testing.assert_array_equal(changed[have_a_box], wrong[have_a_box])
+    assert_array_equal(changed[have_a_box], wrong[have_a_box])
 
 
 @pytest.mark.parametrize("share", SHARES[1:])

@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
@@ -141,4 +142,4 @@ def test_every_way_has_the_same_bits(world, folder, expected, case, way):
     found = datasets(run(world, folder, case, **WAYS[way]))
     assert len(plain) >= 5
     for name in plain:
-        np.testing.assert_array_equal(found[name], plain[name], err_msg=name)
+        assert_array_equal(found[name], plain[name], err_msg=name)

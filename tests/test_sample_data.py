@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from numpy.testing import assert_allclose
 
 from shapefit.io import read_shapes
 from tests.io.files import load as load_records
@@ -48,7 +49,7 @@ def test_views_say_their_unit_camera_and_landmarks(views, cars):
     assert views.unit == "px"
     assert views.y_axis == "down"
     assert views.landmark_names == cars.landmark_names
-    np.testing.assert_allclose(views.column("camera_matrix"), camera)
+    assert_allclose(views.column("camera_matrix"), camera)
 
 
 def find_translation(turned, image):
@@ -75,7 +76,7 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(views, cars):
     R = views.column("true_rotation").astype(float)
     models = [cars.items.index(model) for model in views.column("true_model")]
     images = (views.landmarks - PRINCIPAL_POINT) / FOCAL_LENGTH
-    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-5)
+    assert_allclose(np.linalg.det(R), 1, atol=1e-5)
     for view, model in enumerate(models):
         visible = np.isfinite(images[view, :, 0])
         turned = R[view] @ cars.shapes[model, visible].T
@@ -84,5 +85,5 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(views, cars):
         distance = translation[2]
         stated = views.column("true_translation")[view]
         assert 8.5 < distance < 15.5
-        np.testing.assert_allclose(translation, stated, atol=0.01 * distance)
+        assert_allclose(translation, stated, atol=0.01 * distance)
         assert np.sqrt((pixels**2).mean()) < 1

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
@@ -127,9 +127,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
         h5py.File(folder / "result.h5") as result,
     ):
         assert result.attrs["method"] == "flat"
-        np.testing.assert_allclose(
-            result["shapes"][..., :2], views["landmarks"], atol=1e-12
-        )
+        assert_allclose(result["shapes"][..., :2], views["landmarks"], atol=1e-12)
         assert not result["shapes"][:, :, 2].any()
         assert "coefficients" not in result
     errors = errors_of(folder, "similarity")
@@ -216,7 +214,7 @@ def test_a_format_is_a_file_and_an_entry(folder):
     )
     for name in ("points", "txt"):
         with h5py.File(folder / f"{name}.h5") as result:
-            np.testing.assert_array_equal(result["landmarks"], views)
+            assert_array_equal(result["landmarks"], views)
             assert result.attrs["y_axis"] == "down"
     assert (
         (folder / "again.points")

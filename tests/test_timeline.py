@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.timeline import Timeline, place_in_time
 
@@ -28,7 +29,7 @@ def array_or_none(values):
 @pytest.mark.parametrize(("frames", "times", "expected"), PLACES)
 def test_frames_say_the_place_and_times_that_contradict_them(frames, times, expected):
     places = place_in_time(array_or_none(frames), array_or_none(times), 10.0, 4)
-    np.testing.assert_allclose(places, expected)
+    assert_allclose(places, expected)
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -88,14 +89,14 @@ def second_differences(values):
 
 def test_second_differences_over_short_gaps_know_lines():
     line = 3 * SHORT_GAPS - 7
-    np.testing.assert_allclose(second_differences(line), 0, atol=1e-12)
+    assert_allclose(second_differences(line), 0, atol=1e-12)
 
 
 def test_second_differences_over_short_gaps_know_bends():
     """Half the span of a bend of 1, over its deviation."""
     bend = 0.5 * SHORT_GAPS**2
     span = SHORT_GAPS[2:] - SHORT_GAPS[:-2]
-    np.testing.assert_allclose(second_differences(bend), np.sqrt(span / 2))
+    assert_allclose(second_differences(bend), np.sqrt(span / 2))
 
 
 def test_they_vary_alike_where_a_velocity_wanders(rng):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from numpy.testing import assert_allclose
 
 import shapefit
 from shapefit.evaluation.metrics import similarity
@@ -124,8 +125,8 @@ def test_a_researcher_brings_arrays_and_a_solver(arrays):
     fit = shapefit.fit(np.moveaxis(W, 1, 2), atoms, lam=0.1)
     centred = fit.shapes - fit.shapes.mean(axis=1, keepdims=True)
     assert set(optimum.status) == {"optimal"}
-    np.testing.assert_allclose(fit.coefficients, coefficients, atol=1e-6)
-    np.testing.assert_allclose(shapes, centred, atol=1e-5)
+    assert_allclose(fit.coefficients, coefficients, atol=1e-6)
+    assert_allclose(shapes, centred, atol=1e-5)
 
 
 def test_shapes_of_a_researcher_are_judged_as_fits_are(arrays, folder):
@@ -136,7 +137,7 @@ def test_shapes_of_a_researcher_are_judged_as_fits_are(arrays, folder):
     true = truth.shapes[rows][:, visible]
     report = shapefit.evaluate(shapes, true, ["similarity"])
     expected = similarity(np.moveaxis(shapes, 1, 2), np.moveaxis(true, 1, 2))
-    np.testing.assert_allclose(report.errors["similarity", "unknown"], expected)
+    assert_allclose(report.errors["similarity", "unknown"], expected)
 
 
 def test_a_researcher_is_told_of_the_solver(arrays):

@@ -2,8 +2,8 @@
 
 import csv
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import shapefit
 from tests.api.conftest import run_command
@@ -86,8 +86,8 @@ def test_arrays_are_matched_by_their_order(chain, truth):
     rows = [truth.items.index(item) for item in chain.items]
     in_order = truth.shapes[rows]
     expected = similarity_errors(chain, truth)
-    np.testing.assert_array_equal(similarity_errors(chain, in_order), expected)
-    np.testing.assert_array_equal(similarity_errors(chain.shapes, in_order), expected)
+    assert_array_equal(similarity_errors(chain, in_order), expected)
+    assert_array_equal(similarity_errors(chain.shapes, in_order), expected)
 
 
 def test_an_array_of_another_number_of_shapes_is_refused(chain, truth):

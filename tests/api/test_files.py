@@ -6,8 +6,8 @@ import subprocess
 import sys
 
 import h5py
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import shapefit
 from tests.api.conftest import run_command, same_file
@@ -38,7 +38,7 @@ def check_files(paths, read, write, points, again):
     for path in paths:
         record = read(path)
         with h5py.File(path) as file:
-            np.testing.assert_array_equal(getattr(record, points), file[points][()])
+            assert_array_equal(getattr(record, points), file[points][()])
         write(again, record)
         same_file(path, again)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import shapefit
 from shapefit.config import load_config
@@ -42,7 +43,7 @@ def test_arrays_are_enough(atoms, images):
     plain = shapefit.fit(
         images.landmarks, atoms, weights=images.confidence, method="convex"
     )
-    np.testing.assert_array_equal(plain.shapes, named.shapes)
+    assert_array_equal(plain.shapes, named.shapes)
     assert plain.items[:2] == ("0", "1")
 
 
@@ -67,7 +68,7 @@ def test_a_matrix_is_a_camera(atoms, images):
     one = shapefit.fit(some, atoms, method="convex+refine", camera=matrix)
     other = shapefit.fit(some, atoms, method="convex+refine", camera=of_each_image)
     difference = np.abs(one.shapes - weak.shapes)
-    np.testing.assert_array_equal(one.shapes, other.shapes)
+    assert_array_equal(one.shapes, other.shapes)
     assert difference.max() > 1
 
 
@@ -120,7 +121,7 @@ def test_a_dictionary_of_atoms_alone_is_enough(atoms, images):
     bare = shapefit.Dictionary(atoms=atoms.atoms)
     made = shapefit.fit(images.landmarks, bare, 0.1)
     named = shapefit.fit(images.landmarks, atoms, 0.1, method="convex")
-    np.testing.assert_array_equal(made.objective, named.objective)
+    assert_array_equal(made.objective, named.objective)
 
 
 def test_an_array_is_no_dictionary(atoms, images):
@@ -151,7 +152,7 @@ def test_y_axis_acts_on_whatever_holds_the_landmarks(atoms, images):
     down = shapefit.fit(y_down, atoms, method="convex")
     assert up.y_axis == "up"
     assert down.y_axis == "down"
-    np.testing.assert_allclose(up.shapes, down.shapes * [1, -1, -1], atol=1e-6)
+    assert_allclose(up.shapes, down.shapes * [1, -1, -1], atol=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -175,7 +176,7 @@ def test_min_confidence_hides_landmarks(atoms, images):
     hidden = some.replaced(confidence=confidence)
     fit = shapefit.fit(some, atoms, method="convex", min_confidence=least)
     expected = shapefit.fit(hidden, atoms, method="convex")
-    np.testing.assert_array_equal(fit.shapes, expected.shapes)
+    assert_array_equal(fit.shapes, expected.shapes)
 
 
 LANDMARKS = [

@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import shapefit
 from shapefit.api.notebook import MAX_DRAWN_IMAGES, as_html
@@ -81,7 +82,7 @@ def test_heads_are_above_in_the_plot(one_image, walk):
     assert axes.get_title() == "landmarks/0"
     assert axes.zaxis_inverted() == (one_image.y_axis == "down")
     assert axes.zaxis_inverted() == points_down
-    np.testing.assert_array_equal(depth, walk.shapes[0, :, 2])
+    assert_array_equal(depth, walk.shapes[0, :, 2])
 
 
 def test_a_plot_has_error_bars_and_may_have_several_images(one_image, walk):
@@ -149,7 +150,7 @@ def test_progress_is_shown_and_changes_neither_result_nor_warnings(
     before = [*warnings.filters]
     fit = shapefit.fit(keypoints, keypoints="body_25", frame_rate=25, progress=True)
     assert warnings.filters == before
-    np.testing.assert_array_equal(fit.shapes, walk.shapes)
+    assert_array_equal(fit.shapes, walk.shapes)
     assert re.search(r"shapefit: 100%.* 36/36 ", capsys.readouterr().err)
 
 
@@ -224,4 +225,4 @@ def test_a_dataset_of_xarray_is_written(walk, tmp_path):
     path = tmp_path / "fit.nc"
     walk.to_xarray().to_netcdf(path, engine="h5netcdf")
     with xarray.open_dataset(path, engine="h5netcdf") as again:
-        np.testing.assert_array_equal(again.shapes, walk.shapes)
+        assert_array_equal(again.shapes, walk.shapes)

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import shapefit
 from shapefit.config import load_config
@@ -50,7 +51,7 @@ def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
     result = shapefit.read_results(output)
     assert found.attributes["method"] == "sequences"
     for name in ("shapes", "shape_sd", "p_value", "trusted"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(result, name))
+        assert_array_equal(getattr(found, name), getattr(result, name))
 
 
 STATED = {
@@ -66,7 +67,7 @@ def test_one_image_has_the_method_for_single_images(keypoints):
     by_config = shapefit.fit(keypoints, "people", config="people", **STATED)
     assert len(alone) == 1
     assert alone.attributes["method"] == "posterior"
-    np.testing.assert_array_equal(by_config[0].shapes, alone.shapes)
+    assert_array_equal(by_config[0].shapes, alone.shapes)
 
 
 def p_values(images, dictionary):
@@ -84,7 +85,7 @@ def test_a_prior_without_a_table_has_one_drawn(world):
     del learned["p_value_table"]
     without_table = people.replaced(learned=learned)
     expected = p_values(images, people)
-    np.testing.assert_allclose(p_values(images, without_table), expected, atol=0.02)
+    assert_allclose(p_values(images, without_table), expected, atol=0.02)
 
 
 WRONG_ARRAYS = [
@@ -118,9 +119,9 @@ def test_a_fit_has_parts(found):
     part = found[4:9]
     assert len(found) == 36
     assert part.items == found.items[4:9]
-    np.testing.assert_array_equal(part.shapes, found.shapes[4:9])
-    np.testing.assert_array_equal(part.frames, found.frames[4:9])
-    np.testing.assert_array_equal(found[-1].shapes, found.shapes[-1:])
+    assert_array_equal(part.shapes, found.shapes[4:9])
+    assert_array_equal(part.frames, found.frames[4:9])
+    assert_array_equal(found[-1].shapes, found.shapes[-1:])
 
 
 def test_a_fit_has_the_part_of_flags(found):
@@ -153,7 +154,7 @@ def test_joints_in_metres_are_those_that_convert_writes(found, converted):
     assert list(table.dtype.names) == [*converted[0], "sequence"]
     for name in ("frame", "time", "x", "y", "z", "sd"):
         expected = [float(row[name]) for row in converted]
-        np.testing.assert_allclose(table[name], expected, rtol=1e-6)
+        assert_allclose(table[name], expected, rtol=1e-6)
     assert table["landmark"].tolist() == landmarks
 
 
@@ -178,14 +179,14 @@ def test_a_table_in_metres_has_times_and_trust(small):
 def test_another_height_scales_the_metres(small):
     x = small.metres["x"]
     x_of_tall = small.to_metres(height=1.8)["x"]
-    np.testing.assert_allclose(x_of_tall - x_of_tall[0], 1.5 * (x - x[0]), atol=1e-9)
+    assert_allclose(x_of_tall - x_of_tall[0], 1.5 * (x - x[0]), atol=1e-9)
 
 
 def test_the_height_of_a_body_is_that_of_the_fit(small, tmp_path):
     path = tmp_path / "small.metres.csv"
     shapefit.write_results(path, small)
     written = np.genfromtxt(path, delimiter=",", names=True)
-    np.testing.assert_allclose(written["x"], small.metres["x"], rtol=1e-6)
+    assert_allclose(written["x"], small.metres["x"], rtol=1e-6)
 
 
 def test_what_has_no_size_has_no_metres(keypoints):
@@ -223,7 +224,7 @@ def test_tables_of_other_libraries(found, monkeypatch, pandas):
     assert list(table)[:5] == ["item", "landmark", "x", "y", "z"]
     assert list(table["frame"]) == np.repeat(FRAMES, 21).tolist()
     assert list(table["time"]) == list(table["frame"])
-    np.testing.assert_array_equal(points, found.shapes.reshape(-1, 3))
+    assert_array_equal(points, found.shapes.reshape(-1, 3))
     assert table.attrs == {"unit": "unknown", "y_axis": "down"}
 
 

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import shapefit
 from tests.cli.conftest import run_in
@@ -25,7 +26,7 @@ def check_commands(folder, shapes, items):
     read = shapefit.read_shapes(folder / "again.h5")
     report = (folder / "report/report.csv").read_text(encoding="utf-8")
     first, *_ = csv.DictReader(report.splitlines())
-    np.testing.assert_array_equal(read.shapes, shapes)
+    assert_array_equal(read.shapes, shapes)
     assert read.items == items
     assert first["images"] == str(len(items))
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from shapefit.cli.main import run as shapefit
 
 from shapefit.io import landmark_writer
@@ -179,7 +180,7 @@ def test_honest_chunks_are_read(rng, compression, checked):
             file.create_dataset(name, data=values, chunks=values.shape, **keys)
     assert shapefit(["convert", "images.h5", "-o", "again.h5", "-q"]) == 0
     with h5py.File("again.h5") as file:
-        np.testing.assert_array_equal(file["landmarks"], points)
+        assert_array_equal(file["landmarks"], points)
 
 
 EMPTY_ROWS = [(name, ",,,,\n") for name in TEXTS]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tests.cli.conftest import run_in
 
@@ -150,7 +151,7 @@ def test_numbers_are_those_of_a_file(world, images, tmp_path, method):
     live_names, live_numbers = numbers_of(live)
     assert live_names == names
     # of the convex program images of a file start from their neighbours' solutions
-    np.testing.assert_allclose(live_numbers, numbers, rtol=1e-3, atol=1e-2)
+    assert_allclose(live_numbers, numbers, rtol=1e-3, atol=1e-2)
     if method == "mean-shape":
         assert live == whole
     (tmp_path / "one.csv").write_text("".join([header, *few[4]]))

@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 COMMAND = Path(sys.executable).with_name("shapefit")
 
@@ -335,4 +335,4 @@ def test_a_fit_goes_on_with_the_threads_that_memory_allows(tmp_path, rng, megaby
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
         )
     with h5py.File(tmp_path / "1.h5") as one, h5py.File(tmp_path / "64.h5") as many:
-        np.testing.assert_array_equal(one["shapes"][:], many["shapes"][:])
+        assert_array_equal(one["shapes"][:], many["shapes"][:])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.cli.main import run
 
 from shapefit.io import read_results, read_shapes
@@ -72,8 +73,8 @@ def test_opensim_reads_all_rows_of_angles_and_of_deviations(folder, person):
         assert found["in_degrees"]
         assert found["labels"] == labels.split("\t")[1:]
         for reader in ("storage", "table"):
-            np.testing.assert_allclose(found[f"{reader}_times"], cells[:, 0])
-            np.testing.assert_allclose(found[reader], cells[:, 1:])
+            assert_allclose(found[f"{reader}_times"], cells[:, 0])
+            assert_allclose(found[reader], cells[:, 1:])
 
 
 def test_points_in_trc_c3d_and_bvh_are_those_that_were_written(folder):
@@ -84,15 +85,15 @@ def test_points_in_trc_c3d_and_bvh_are_those_that_were_written(folder):
     assert trc["unit"] == "m"
     assert c3d["unit"] == "mm"
     assert trc["labels"] == c3d["labels"] == list(written.landmark_names)
-    np.testing.assert_allclose(trc["points"], expected, atol=1e-6)
-    np.testing.assert_allclose(np.array(c3d["points"]) / 1000, expected, atol=1e-6)
+    assert_allclose(trc["points"], expected, atol=1e-6)
+    assert_allclose(np.array(c3d["points"]) / 1000, expected, atol=1e-6)
     bones = read_shapes([stem.with_suffix(".bvh")])
     for name, points in zip(
         bvh["labels"], np.swapaxes(bvh["points"], 0, 1), strict=True
     ):
         if name in bones.landmark_names:
             ours = bones.shapes[:, bones.landmark_names.index(name)]
-            np.testing.assert_allclose(points, ours, atol=1e-4, err_msg=name)
+            assert_allclose(points, ours, atol=1e-4, err_msg=name)
 
 
 def test_movement_reads_points_times_and_names(folder):
@@ -102,8 +103,8 @@ def test_movement_reads_points_times_and_names(folder):
     for person, points in enumerate(poses["points"], start=1):
         written = read_shapes([folder / f"walk_person_{person}.trc"])
         assert poses["labels"] == list(written.landmark_names)
-        np.testing.assert_allclose(poses["times"], np.arange(36) / 25)
-        np.testing.assert_allclose(points, written.shapes, atol=1e-6)
+        assert_allclose(poses["times"], np.arange(36) / 25)
+        assert_allclose(points, written.shapes, atol=1e-6)
     assert 1 < poses["speed"] < 10  # m/s, of people who walk
 
 
@@ -114,8 +115,8 @@ def test_a_fit_with_the_camera_that_was_written_is_the_same(folder):
     again = folder / "again.h5"
     assert run([*command, *camera, "-o", str(again)]) == 0
     first, second = (read_results(path) for path in (folder / "walk.h5", again))
-    np.testing.assert_allclose(second.shapes, first.shapes, rtol=0.02, atol=5)
-    np.testing.assert_array_equal(second.focal, first.focal)
+    assert_allclose(second.shapes, first.shapes, rtol=0.02, atol=5)
+    assert_array_equal(second.focal, first.focal)
 
 
 def test_meshes_are_the_same_in_every_format(folder):
@@ -130,4 +131,4 @@ def test_meshes_are_the_same_in_every_format(folder):
         assert first["faces"] > 100
         for found in rest:
             assert found["faces"] == first["faces"]
-            np.testing.assert_allclose(found["bounds"], first["bounds"], atol=1e-4)
+            assert_allclose(found["bounds"], first["bounds"], atol=1e-4)

@@ -12,6 +12,7 @@ from threading import Thread
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
@@ -131,7 +132,7 @@ def same() -> Callable[[object, object], None]:
                 check_values(value[key], found[key])
         elif isinstance(value, np.ndarray):
             strict = value.dtype.kind not in "UO"
-            np.testing.assert_array_equal(value, found, strict=strict)
+            assert_array_equal(value, found, strict=strict)
         elif dataclasses.is_dataclass(value):
             check(value, found)
         else:

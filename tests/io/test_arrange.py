@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io.arrange import arrange
 from shapefit.io.names import match_landmarks
@@ -38,12 +39,8 @@ def test_what_is_not_there_is_hidden(landmarks):
     names = ("foot", "tail", "head", "right hand", "left hand")
     arranged = arrange(landmarks, names)
     assert arranged.landmark_names == names
-    np.testing.assert_array_equal(
-        arranged.landmarks[:, [2, 4, 3, 0]], landmarks.landmarks
-    )
-    np.testing.assert_array_equal(
-        arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence
-    )
+    assert_array_equal(arranged.landmarks[:, [2, 4, 3, 0]], landmarks.landmarks)
+    assert_array_equal(arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence)
     assert np.isnan(arranged.landmarks[:, 1]).all()
     assert (arranged.confidence[:, 1] == 0).all()
     joined = dataclasses.replace(landmarks, edges=np.array([[0, 1], [0, 3], [0, 9]]))
@@ -59,11 +56,11 @@ def test_labels_go_with_their_landmarks(landmarks, rng, kind):
     arranged = arrange(dataclasses.replace(landmarks, extras=extras), names)
     moved = arranged.extras["corrupted"]
     assert moved.dtype == kind
-    np.testing.assert_array_equal(moved[:, [2, 4, 3, 0]], labels)
+    assert_array_equal(moved[:, [2, 4, 3, 0]], labels)
     assert not moved[:, 1].any()
-    np.testing.assert_array_equal(arranged.extras["bounding_box"], square)
+    assert_array_equal(arranged.extras["bounding_box"], square)
     # of something else
-    np.testing.assert_array_equal(arranged.extras["outliers"], labels[:, :3])
+    assert_array_equal(arranged.extras["outliers"], labels[:, :3])
 
 
 def test_shapes_lack_no_landmark(shapes, problems):

@@ -4,6 +4,7 @@ import unicodedata
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import shapefit
 from shapefit.errors import InputError
@@ -220,7 +221,7 @@ def test_fractions_become_pixels_where_the_size_of_the_image_is_given(tmp_path, 
         scaled = source.whole()
     expected = SHARES.landmarks * (width, height)
     assert scaled.unit == "px"
-    np.testing.assert_allclose(scaled.landmarks, expected)
+    assert_allclose(scaled.landmarks, expected)
 
 
 @pytest.mark.parametrize("suffix", ["h5", "csv"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal, assert_equal
 
 from shapefit.io.csv_cells import ListedCells, read_numbers, read_rows, split_cells
 
@@ -29,9 +30,9 @@ def test_numbers_are_the_same(texts):
     split, listed = both(texts)
     values, strange = split.numbers("right")
     expected, expected_strange = listed.numbers("right")
-    np.testing.assert_array_equal(values, expected)
-    np.testing.assert_array_equal(np.signbit(values), np.signbit(expected))
-    np.testing.assert_array_equal(strange, expected_strange)
+    assert_array_equal(values, expected)
+    assert_array_equal(np.signbit(values), np.signbit(expected))
+    assert_array_equal(strange, expected_strange)
 
 
 @given(st.lists(TEXTS, min_size=1, max_size=30))
@@ -43,7 +44,7 @@ def test_texts_are_numbered_as_they_come(texts):
     expected_numbers, expected_names = listed.texts("right")
     assert [names[number] for number in numbers] == texts
     assert names == expected_names
-    np.testing.assert_array_equal(numbers, expected_numbers)
+    assert_array_equal(numbers, expected_numbers)
 
 
 @pytest.mark.parametrize("size", [1, 7, 8, 9, 64])
@@ -101,7 +102,7 @@ def test_numbers_are_those_of_python(text):
         values, strange = read_numbers(cells)
         value = values[cells.index(text)]
         assert not strange.any()
-        np.testing.assert_equal(value, expected)
+        assert_equal(value, expected)
 
 
 NO_NUMBERS = [

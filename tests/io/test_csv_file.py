@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     inputs,
@@ -47,9 +48,9 @@ def check_views(views):
     assert views.landmark_names == ("head", "foot")
     assert views.sequences == ("s", "t")
     first, second = views.landmarks
-    np.testing.assert_array_equal(first, [[1, 2], [3.5, -0.4]])
+    assert_array_equal(first, [[1, 2], [3.5, -0.4]])
     assert np.isnan(second).all()
-    np.testing.assert_array_equal(views.confidence, [[0.5, 1], [0, 0]])
+    assert_array_equal(views.confidence, [[0.5, 1], [0, 0]])
 
 
 # What is read
@@ -157,7 +158,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
 def test_a_landmark_with_half_a_position_is_unseen(csv_table, cells, read_views):
     views = read_views(csv_table(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
     unseen = [np.nan, np.nan]
-    np.testing.assert_array_equal(views.landmarks, [[unseen, [1, 2]]])
+    assert_array_equal(views.landmarks, [[unseen, [1, 2]]])
 
 
 def test_columns_that_a_table_lacks_are_absent(csv_table, read_views):

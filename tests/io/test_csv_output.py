@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     csv_file,
@@ -42,7 +43,7 @@ def test_rows_of_results(result_table):
 
 def test_results_come_back(result_table):
     path, shapes = result_table
-    np.testing.assert_array_equal(read_results(path).shapes, shapes)
+    assert_array_equal(read_results(path).shapes, shapes)
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):

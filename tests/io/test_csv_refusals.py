@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     inputs,
@@ -159,7 +159,7 @@ def test_shapes_that_lack_a_landmark_are_left_out(csv_table, row):
     y_of_heads = shapes.shapes[:, 0, 1]
     assert count == 40
     assert shapes.items == tuple(map(str, range(40)))
-    np.testing.assert_array_equal(y_of_heads, range(40))
+    assert_array_equal(y_of_heads, range(40))
     assert note.endswith(": 1 shape left out, in which a landmark is unknown")
 
 

@@ -9,6 +9,7 @@ import pickle
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io import inputs, open_landmarks
@@ -173,7 +174,7 @@ def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
     packed.write_bytes(gzip.compress(content))
     options = InputOptions(keypoints="numbered")
     plain, found = (whole(path, options) for path in (tmp_path / name, packed))
-    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
+    assert_array_equal(found.landmarks, plain.landmarks)
     assert found.items == plain.items
     assert found.sequences == plain.sequences
     assert detect_format(packed) is detect_format(tmp_path / name)

@@ -5,6 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import items as reading
@@ -35,8 +36,8 @@ def test_frames_and_times_come_back(tmp_path, images, name):
     read = load(path)
     assert read.items == images.items
     assert read.frames.tolist() == FRAMES
-    np.testing.assert_array_equal(read.times, TIMES)
-    np.testing.assert_array_equal(read.landmarks, images.landmarks)
+    assert_array_equal(read.times, TIMES)
+    assert_array_equal(read.landmarks, images.landmarks)
 
 
 def test_they_stand_behind_the_sequence_in_csv(tmp_path, images):
@@ -79,7 +80,7 @@ def test_images_are_read_in_order_of_their_frames(tmp_path, images, name):
     read = load(path)
     assert read.items == ("a/4", "a/5", "a/12", "b/2", "b/3")
     assert read.frames.tolist() == FRAMES
-    np.testing.assert_array_equal(read.landmarks, images.landmarks)
+    assert_array_equal(read.landmarks, images.landmarks)
 
 
 @pytest.fixture
@@ -184,7 +185,7 @@ def test_of_files_with_and_without_times_some_are_unknown(tmp_path, images):
     save(untimed, third.replaced(sequences=("c",)))
     read = load(timed, untimed)
     assert read.frames.tolist() == [4, 5, 12]
-    np.testing.assert_array_equal(read.times, [0.1, np.nan, np.nan])
+    assert_array_equal(read.times, [0.1, np.nan, np.nan])
 
 
 def poses(frames, **fields):
@@ -206,8 +207,8 @@ def test_a_reader_hands_on_frames_and_times_in_any_order():
     first_x = images.landmarks[:, 0, 0]
     assert images.items == ("v/2", "v/7", "v/30")
     assert images.frames.tolist() == [2, 7, 30]
-    np.testing.assert_array_equal(images.times, [0.2, 0.7, np.nan])
-    np.testing.assert_array_equal(first_x, [14, 10, 18])
+    assert_array_equal(images.times, [0.2, 0.7, np.nan])
+    assert_array_equal(first_x, [14, 10, 18])
 
 
 def test_people_are_followed_in_order_of_frames():

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from shapefit.cli.main import run
 
 from shapefit.errors import InputError
@@ -88,8 +89,8 @@ def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
     with h5py.File(shape_file) as file:
         left_hand = file["shapes"][2, 1]
         vertex = file["mesh_vertices"][4, 5]
-    np.testing.assert_array_equal(left_hand, columns[2, :, 1])
-    np.testing.assert_array_equal(vertex, shapes.mesh_vertices[4, 5])
+    assert_array_equal(left_hand, columns[2, :, 1])
+    assert_array_equal(vertex, shapes.mesh_vertices[4, 5])
 
 
 def test_columns_are_contiguous_in_memory(shape_file):
@@ -152,7 +153,7 @@ def test_single_precision_is_read_as_double(landmark_file, landmarks, edit):
     edit(landmark_file, landmarks=points)
     read = load(landmark_file).landmarks
     assert read.dtype == np.float64
-    np.testing.assert_array_equal(read, points)
+    assert_array_equal(read, points)
 
 
 def test_half_a_position_is_none(landmark_file, landmarks, edit):
@@ -231,7 +232,7 @@ def test_a_converted_result_has_the_columns_of_the_old_one(old_result, tmp_path)
     assert run(["convert", str(old_result), "-o", str(new)]) == 0
     converted = read_results(new)
     inliers = converted.column("inlier_probability")
-    np.testing.assert_array_equal(inliers, INLIERS)
+    assert_array_equal(inliers, INLIERS)
     assert converted.column("reasons").tolist() == [""] * 5
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     open_landmarks,
@@ -80,7 +81,7 @@ def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
     low = landmarks.confidence < 0.5
     expected = np.where(low, 0, landmarks.confidence)
     assert np.isnan(images.landmarks[low]).all()
-    np.testing.assert_array_equal(images.confidence, expected)
+    assert_array_equal(images.confidence, expected)
 
 
 OTHER_NAMES = ("foot", "tail", "head", "right hand")
@@ -107,8 +108,8 @@ def test_landmarks_of_files_are_united(united, landmarks):
     first = united.landmarks[0]
     others = united.landmarks[1:]
     places = [ALL_NAMES.index(name) for name in OTHER_NAMES]
-    np.testing.assert_array_equal(first[:4], landmarks.landmarks[0])
-    np.testing.assert_array_equal(others[:, places], landmarks.landmarks[[1, 2]])
+    assert_array_equal(first[:4], landmarks.landmarks[0])
+    assert_array_equal(others[:, places], landmarks.landmarks[[1, 2]])
 
 
 def test_landmarks_that_a_file_lacks_are_unseen(united):
@@ -122,8 +123,8 @@ def test_sequences_and_confidences_that_a_file_lacks(united, landmarks):
     places = [ALL_NAMES.index(name) for name in OTHER_NAMES]
     of_others = united.confidence[1:][:, places]
     assert united.sequences == ("", "a", "b")
-    np.testing.assert_array_equal(united.confidence[0], [1, 1, 1, 1, 0])
-    np.testing.assert_array_equal(of_others, landmarks.confidence[[1, 2]])
+    assert_array_equal(united.confidence[0], [1, 1, 1, 1, 0])
+    assert_array_equal(of_others, landmarks.confidence[[1, 2]])
 
 
 def test_what_each_camera_says_is_of_its_images(tmp_path):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.io import (
     read_results,
@@ -55,7 +56,7 @@ def test_results_that_do_not_go_together(two_results, problems, fields, fault):
 def test_results_that_go_together(two_results, results):
     with open_results(two_results()) as source:
         shapes = source.whole().shapes
-    np.testing.assert_array_equal(shapes, results.shapes[:2])
+    assert_array_equal(shapes, results.shapes[:2])
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def test_one_individual_of_a_file(shapefit, tmp_path, result_of_two):
     one = read_results(tmp_path / "one.h5")
     assert done.code == 0
     assert one.items == tuple(TWO_PEOPLE["items"][3:])
-    np.testing.assert_array_equal(one.shapes, SHAPES_OF_TWO[3:])
+    assert_array_equal(one.shapes, SHAPES_OF_TWO[3:])
 
 
 REFUSED_KEYS = [
@@ -148,4 +149,4 @@ def test_the_recipe_for_motion_capture_gives_the_training_shapes(
     for trial in ("86_01", "86_09"):
         points = points_of(made, trial)
         about_pelvis = points - points[:, :1]
-        np.testing.assert_allclose(about_pelvis, points_of(known, trial), atol=1e-5)
+        assert_allclose(about_pelvis, points_of(known, trial), atol=1e-5)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     open_shapes,
@@ -54,7 +55,7 @@ def test_permuted_landmarks_are_matched_by_name(
     read = read_shapes(files)
     if suffix == ".h5":
         same(read, shapes)
-    np.testing.assert_array_equal(read.shapes, shapes.shapes)
+    assert_array_equal(read.shapes, shapes.shapes)
     assert read.landmark_names == shapes.landmark_names
     assert read.items == shapes.items
 
@@ -155,5 +156,5 @@ def test_files_without_sequences_units_edges_or_shapes_go_with_others(
     assert read.sequences == ("", "walk")
     assert read.unit == "m"
     assert read.frame_rate == 50.0
-    np.testing.assert_array_equal(read.edges, shapes.edges)
-    np.testing.assert_array_equal(read.mirror_index, shapes.mirror_index)
+    assert_array_equal(read.edges, shapes.edges)
+    assert_array_equal(read.mirror_index, shapes.mirror_index)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
@@ -65,9 +66,9 @@ def test_landmarks_keep_everything_in_hdf5(tmp_path, views_file, landmarks):
     output = tmp_path / "same.h5"
     assert convert(views_file, output=output) == []
     same = load(output)
-    np.testing.assert_array_equal(same.points, landmarks.points)
-    np.testing.assert_array_equal(same.confidence, landmarks.confidence)
-    np.testing.assert_array_equal(same.column("age"), landmarks.column("age"))
+    assert_array_equal(same.points, landmarks.points)
+    assert_array_equal(same.confidence, landmarks.confidence)
+    assert_array_equal(same.column("age"), landmarks.column("age"))
     for name in RETAINED:
         assert getattr(same, name) == getattr(landmarks, name)
 
@@ -78,7 +79,7 @@ def test_landmarks_to_csv_and_back(tmp_path, views_file, landmarks):
     convert(views_file, output=table)
     convert(table, output=back)
     same = load(back)
-    np.testing.assert_array_equal(same.points, landmarks.points)
+    assert_array_equal(same.points, landmarks.points)
     assert same.sequences == landmarks.sequences
 
 
@@ -88,7 +89,7 @@ def test_doubtful_landmarks_are_hidden(tmp_path, views_file, landmarks):
     doubtful = landmarks.confidence < 0.5
     unseen = np.isnan(landmarks.points[..., 0])
     hidden = np.isnan(load(output).points[..., 0])
-    np.testing.assert_array_equal(hidden, doubtful | unseen)
+    assert_array_equal(hidden, doubtful | unseen)
 
 
 @pytest.fixture
@@ -107,7 +108,7 @@ def test_a_table_has_the_shapes_of_a_result(result_of_people, tmp_path):
     table = tmp_path / "result.csv"
     convert(result_of_people, output=table)
     expected = read_results(result_of_people).shapes
-    np.testing.assert_array_equal(read_results(table).shapes, expected)
+    assert_array_equal(read_results(table).shapes, expected)
 
 
 FRAMES_WALKED = 43
@@ -149,7 +150,7 @@ def test_thinned_frames_keep_their_times(tmp_path, walkers, every, first):
     kept = frames[[int(item[1:]) for item in thin.items]]
     start = first % every / 30
     times = thin.frames / thin.frame_rate + start
-    np.testing.assert_allclose(times, kept / 30, atol=1e-12)
+    assert_allclose(times, kept / 30, atol=1e-12)
     assert {*kept} == {*range(first, first + FRAMES_WALKED, every)}
 
 
@@ -233,7 +234,7 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(
     assert outcome.unit == "shape"
     assert shapes.items[:2] == ("atom 00", "atom 01")
     assert shapes.landmark_names == LANDMARKS_OF_ATOMS
-    np.testing.assert_array_equal(shapes.as_columns(), expected)
+    assert_array_equal(shapes.as_columns(), expected)
 
 
 @pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])

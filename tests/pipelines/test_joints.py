@@ -4,6 +4,7 @@ said.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.model import Dictionary, mapped
@@ -87,7 +88,7 @@ def test_a_detector_s_names_are_read_as_joints(images, people, skeleton):
     expected = joints.to_landmarks(MEANS) @ in_order.landmarks
     unmarked = [name not in joints.markers for name in names]
     expected[:, unmarked] = np.nan
-    np.testing.assert_allclose(visible.landmarks, expected, atol=1e-9)
+    assert_allclose(visible.landmarks, expected, atol=1e-9)
 
 
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
@@ -108,8 +109,8 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     covariance = direct.shape_covariance.reshape(len(images), p, 3, p, 3)
     variance = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     assert result.landmark_names == names
-    np.testing.assert_allclose(result.shapes, back @ direct.shapes, atol=1e-5)
-    np.testing.assert_allclose(result.shape_sd, np.sqrt(variance), rtol=1e-4)
+    assert_allclose(result.shapes, back @ direct.shapes, atol=1e-5)
+    assert_allclose(result.shape_sd, np.sqrt(variance), rtol=1e-4)
     assert "keypoints" in dict(last.rows)["Read"]
 
 
@@ -144,21 +145,21 @@ STAND_FOR_JOINTS = {
 def test_landmarks_that_stand_for_joints_come_back_as_they_were_fitted(lifted, name):
     point = detector_points(lifted, "input_shapes")[name]
     expected = joint(lifted, STAND_FOR_JOINTS[name])
-    np.testing.assert_allclose(point, expected, atol=1e-9)
+    assert_allclose(point, expected, atol=1e-9)
 
 
 def test_other_landmarks_are_where_the_joints_put_them(lifted):
     points = detector_points(lifted, "input_shapes")
     neck = (joint(lifted, "lshoulder") + joint(lifted, "rshoulder")) / 2
     head = neck + 1.5 * (joint(lifted, "head") - neck)
-    np.testing.assert_allclose(points["Neck"], neck, atol=1e-9)
-    np.testing.assert_allclose(points["Head"], head, atol=1e-9)
+    assert_allclose(points["Neck"], neck, atol=1e-9)
+    assert_allclose(points["Head"], head, atol=1e-9)
 
 
 def test_what_was_fitted_of_a_joint_is_its_landmark_in_the_image(lifted):
     head = detector_points(lifted, "input_shapes")["Head"]
     fitted = lifted.landmarks_fitted[:, lifted.landmark_names.index("head")]
-    np.testing.assert_allclose(head[:, :2], fitted, atol=1e-6)
+    assert_allclose(head[:, :2], fitted, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["LKnee", "RBigToe"])
@@ -166,7 +167,7 @@ def test_what_stands_for_a_joint_has_its_error_bars(lifted, name):
     """How far apart they may be is in the prior already."""
     sd = detector_points(lifted, "input_shape_sd")[name]
     place = lifted.landmark_names.index(STAND_FOR_JOINTS[name])
-    np.testing.assert_allclose(sd, lifted.shape_sd[:, place], rtol=1e-9)
+    assert_allclose(sd, lifted.shape_sd[:, place], rtol=1e-9)
 
 
 def test_all_landmarks_of_the_detector_have_error_bars(lifted):
@@ -225,8 +226,8 @@ def test_what_files_do_not_mark_changes_nothing(people, part_of_people):
     """The prior of a part is a marginal of the whole prior."""
     rows = [people.landmark_names.index(name) for name in part_of_people.landmark_names]
     covariances = people.prior_covariances[:, rows][:, :, :, rows]
-    np.testing.assert_array_equal(part_of_people.atoms, people.atoms[..., rows])
-    np.testing.assert_array_equal(part_of_people.prior_covariances, covariances)
+    assert_array_equal(part_of_people.atoms, people.atoms[..., rows])
+    assert_array_equal(part_of_people.prior_covariances, covariances)
 
 
 def test_a_part_of_people_has_the_bones_between_its_joints(people, part_of_people):
@@ -239,14 +240,14 @@ def test_a_part_of_people_has_the_bones_between_its_joints(people, part_of_peopl
 
 def test_a_part_of_people_mirrors_as_the_whole(part_of_people):
     mirror = part_of_people.mirror_index
-    np.testing.assert_array_equal(mirror[mirror], np.arange(len(mirror)))
+    assert_array_equal(mirror[mirror], np.arange(len(mirror)))
 
 
 @pytest.mark.parametrize("theta", [MEANS, {"head": 1.8, "hips": 0.9}])
 def test_a_map_moves_with_the_body(theta):
     """Weights add up to 1, and the map can be undone."""
     A = find_joints(BODY.landmark_names, PEOPLE).to_landmarks(theta)
-    np.testing.assert_allclose(A.sum(axis=1), 1)
+    assert_allclose(A.sum(axis=1), 1)
     assert np.linalg.cond(A) < 10
 
 
@@ -256,7 +257,7 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     detected = joints.replaced(landmark_names=tuple(shared))
     expected, _ = lift(joints, method="convex")
     result, _ = lift(detected, method="convex")
-    np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-6)
+    assert_allclose(result.shapes, expected.shapes, atol=1e-6)
     assert result.input_shapes is None
 
 
@@ -299,9 +300,9 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     mean_of_ears = images.landmarks[0, 6:].mean(axis=0)
     right_ear = images.landmarks[1, 7]
     assert joints.markers["head"] == ("left_ear", "right_ear")
-    np.testing.assert_allclose(named.confidence[:, head], [0.7, 0.6, 0.0])
-    np.testing.assert_allclose(points[0], mean_of_ears)
-    np.testing.assert_allclose(points[1], right_ear)
+    assert_allclose(named.confidence[:, head], [0.7, 0.6, 0.0])
+    assert_allclose(points[0], mean_of_ears)
+    assert_allclose(points[1], right_ear)
 
 
 @pytest.mark.parametrize("in_place", [True, False])

@@ -10,6 +10,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.cli.main import run as run_command
 
 from shapefit.config import CONFIGS
@@ -82,8 +83,8 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
     for image in SOME_IMAGES:
         mesh = only_mesh(tmp_path / f"{fit.items[image]}.{to}")
         vertices = mesh_in_metres(dictionary, fit.coefficients[image])
-        np.testing.assert_allclose(mesh.vertices.T, vertices, atol=PRECISION[to])
-        np.testing.assert_array_equal(mesh.faces, dictionary.mesh_faces)
+        assert_allclose(mesh.vertices.T, vertices, atol=PRECISION[to])
+        assert_array_equal(mesh.faces, dictionary.mesh_faces)
 
 
 @pytest.mark.parametrize("to", PRECISION)
@@ -257,8 +258,8 @@ def test_vertices_that_coincide_stay_apart_in_one_object(two_cubes, to):
     content = mesh_file(vertices, faces, to)
     mesh = only_mesh(BytesIO(content), file_type=to)
     assert content == mesh_file(vertices, faces, to)
-    np.testing.assert_allclose(mesh.vertices, vertices.T, atol=PRECISION[to])
-    np.testing.assert_array_equal(mesh.faces, faces)
+    assert_allclose(mesh.vertices, vertices.T, atol=PRECISION[to])
+    assert_array_equal(mesh.faces, faces)
 
 
 def test_ply_is_binary(two_cubes):

@@ -4,6 +4,7 @@ random.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import ProjectConfig
 from shapefit.geometry.rotations import random_rotations
@@ -82,7 +83,7 @@ def test_every_image_is_the_shape_seen_under_its_true_rotation(tmp_path, shapes)
     R = rotations_of(images)
     turned = R @ shapes.as_columns()
     different = np.unique(R.round(6), axis=0)
-    np.testing.assert_allclose(images.as_columns(), turned[:, :2], atol=1e-12)
+    assert_allclose(images.as_columns(), turned[:, :2], atol=1e-12)
     assert len(different) == 8
 
 
@@ -90,9 +91,9 @@ def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
     rotation = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
     images, _ = view(tmp_path, shapes, camera={"view": rotation})
     x, y = np.moveaxis(images.landmarks, 2, 0)
-    np.testing.assert_array_equal(x, -shapes.shapes[..., 2])
-    np.testing.assert_array_equal(y, shapes.shapes[..., 1])
-    np.testing.assert_array_equal(rotations_of(images), [rotation] * 8)
+    assert_array_equal(x, -shapes.shapes[..., 2])
+    assert_array_equal(y, shapes.shapes[..., 1])
+    assert_array_equal(rotations_of(images), [rotation] * 8)
 
 
 def turns_about_y(R):
@@ -111,16 +112,16 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(
     R = rotations_of(images)[frames]
     expected_turns = np.arange(count) / count
     assert images.y_axis == y_axis
-    np.testing.assert_allclose(turns_about_y(R), expected_turns, atol=1e-12)
-    np.testing.assert_allclose(R[:, 1], [[0, up, 0]] * count, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
+    assert_allclose(turns_about_y(R), expected_turns, atol=1e-12)
+    assert_allclose(R[:, 1], [[0, up, 0]] * count, atol=1e-12)
+    assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
 def test_a_sequence_of_many_batches_turns_once(tmp_path, many):
     images, _ = view(tmp_path, many)
     expected_turns = np.arange(len(many)) / len(many)
     turns = turns_about_y(rotations_of(images))
-    np.testing.assert_allclose(turns, expected_turns, atol=1e-12)
+    assert_allclose(turns, expected_turns, atol=1e-12)
 
 
 def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):
@@ -142,7 +143,7 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
     plain, _ = view(tmp_path, many, noise=0.1)
     scaled, _ = view(tmp_path, many, noise=20.0, camera={"scale": 200.0})
     expected = 200 * plain.landmarks
-    np.testing.assert_allclose(scaled.landmarks, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(scaled.landmarks, expected, rtol=1e-9, atol=1e-9)
     assert plain.unit == "unknown"
     assert scaled.unit == "px"
 
@@ -162,7 +163,7 @@ def test_the_seed_decides(tmp_path, shapes):
     turned = (R @ shapes.as_columns())[:, :2]
     expected = hide_share(add_noise(turned, 0.1, of_noise), 0.3, of_hidden)
     images, _ = view(tmp_path, shapes, seed=3, **RANDOM_VIEWS)
-    np.testing.assert_allclose(images.as_columns(), expected, rtol=1e-12)
+    assert_allclose(images.as_columns(), expected, rtol=1e-12)
 
 
 def test_another_seed_draws_other_images(tmp_path, shapes):
@@ -182,7 +183,7 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
     count = IMAGES_DRAWN_AT_ONCE + 50
     whole, _ = view(tmp_path, many, **RANDOM_VIEWS)
     part, _ = view(tmp_path, many.take(slice(count)), **RANDOM_VIEWS)
-    np.testing.assert_array_equal(part.landmarks, whole.landmarks[:count])
+    assert_array_equal(part.landmarks, whole.landmarks[:count])
 
 
 def test_no_shapes_give_a_file_without_images(tmp_path, shapes):
@@ -221,7 +222,7 @@ def test_each_image_has_its_share_of_hidden_landmarks(landmarks, rng, share):
     counts = hidden_x.sum(axis=1)
     expected = share * P
     standard_error = 0.5 / np.sqrt(IMAGES_DRAWN_AT_ONCE)
-    np.testing.assert_array_equal(hidden_x, hidden_y)
+    assert_array_equal(hidden_x, hidden_y)
     assert set(counts) <= {int(np.floor(expected)), int(np.ceil(expected))}
     assert counts.mean() == pytest.approx(expected, abs=5 * standard_error)
 
@@ -230,7 +231,7 @@ def test_each_image_has_its_share_of_hidden_landmarks(landmarks, rng, share):
 def test_each_landmark_is_hidden_as_often(landmarks, rng, share):
     hidden = np.isnan(hide_share(landmarks, share, rng))[:, 0]
     standard_error = np.sqrt(share * (1 - share) / IMAGES_DRAWN_AT_ONCE)
-    np.testing.assert_allclose(hidden.mean(axis=0), share, atol=5 * standard_error)
+    assert_allclose(hidden.mean(axis=0), share, atol=5 * standard_error)
 
 
 @pytest.mark.parametrize("origin", [0, 3])

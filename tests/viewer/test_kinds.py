@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 import trimesh
+from numpy.testing import assert_allclose
 from shapefit.cli.main import run
 
 from shapefit.geometry.procrustes import similarity_transform
@@ -225,9 +226,7 @@ def test_a_blended_mesh_is_the_exported_one(cars_page, cars, open_page, method, 
     spans = np.ptp(mesh, axis=1), np.ptp(turned, axis=1)
     assert 1 < spans[0][1] < 3  # metres
     if method == "perspective":  # this one is where the camera has it: not turned
-        np.testing.assert_allclose(
-            spans[0] / spans[0][0], spans[1] / spans[1][0], rtol=1e-3
-        )
+        assert_allclose(spans[0] / spans[0][0], spans[1] / spans[1][0], rtol=1e-3)
 
 
 def test_landmarks_are_seen_where_the_camera_sees_them(cars_page, cars, open_page):
@@ -236,7 +235,7 @@ def test_landmarks_are_seen_where_the_camera_sees_them(cars_page, cars, open_pag
     page = open_page(cars_page.path, f"#item={ITEMS[0]}")
     seen = np.array(page.run(IN_IMAGE, "perspective")).reshape(-1, 2)
     size = np.ptp(results.landmarks_fitted[row])
-    np.testing.assert_allclose(seen, results.landmarks_fitted[row], atol=1e-3 * size)
+    assert_allclose(seen, results.landmarks_fitted[row], atol=1e-3 * size)
     flat = results.shapes[row, :, :2]
     assert np.abs(flat - results.landmarks_fitted[row]).max() > 1e-2 * size
 

@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from shapefit.cli.main import run
 
 from shapefit.viewer.page import resource
@@ -42,7 +43,7 @@ def test_a_frame_shows_its_landmarks(page, sequence):
         .reshape(-1, 2)
         .T
     )
-    np.testing.assert_allclose(shown, sequence.landmarks[310], atol=0.01)
+    assert_allclose(shown, sequence.landmarks[310], atol=0.01)
     assert "frame 311 of 400" in page.text("#told")
     assert "reprojection" in page.text("#told")
     facts = page.text("#facts").split("\n")
@@ -67,7 +68,7 @@ def test_a_drag_by_a_quarter_turn_turns_the_projected_points(page, sequence):
     zoom = np.ptp(before[:, 0]) / np.ptp(points[0])
     for shown, x in ((before, points[0]), (after, points[2])):
         expected = zoom * np.stack([x, -points[1]], axis=1)
-        np.testing.assert_allclose(
+        assert_allclose(
             shown - shown.mean(axis=0), expected - expected.mean(axis=0), atol=0.1
         )
 

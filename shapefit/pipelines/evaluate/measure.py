@@ -491,14 +491,14 @@ def _find_units(
         estimate = estimate * np.reshape(metres, (-1, 1, 1))
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
-    is_common = np.isfinite(estimate + true).all(axis=1, keepdims=True)
-    has_common: Flags = is_common[:, 0].any(axis=1)
+    is_common: Flags = np.isfinite(estimate + true).all(axis=1)
+    has_common: Flags = is_common.any(axis=1)
     if not has_common.any():
         return []
 
     def size(points: Floats) -> Floats:
         """Return the sizes (n,) of shapes over the landmarks that both have."""
-        of_common = np.where(is_common, points, np.nan)[has_common]
+        of_common = np.where(is_common[:, None], points, np.nan)[has_common]
         spread = np.nanstd(of_common, axis=2)
         return np.asarray(spread.mean(axis=1))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from tests.io.files import load_shapes
@@ -28,7 +29,7 @@ def check_points():
     """Assert that shapes are these points (n, p, 3), up to 1e-6 of each."""
 
     def check(shapes, points) -> None:
-        np.testing.assert_allclose(shapes.shapes, points, rtol=1e-6)
+        assert_allclose(shapes.shapes, points, rtol=1e-6)
 
     return check
 

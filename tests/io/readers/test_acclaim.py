@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes, read_shapes
@@ -180,7 +181,7 @@ def test_bones_turn_in_their_own_frames(motion):
     """
     shapes = read_shapes([motion()])
     expected = HALF_INCH * np.array([STILL, TURNED])
-    np.testing.assert_allclose(shapes.shapes, expected, atol=1e-12)
+    assert_allclose(shapes.shapes, expected, atol=1e-12)
 
 
 def test_names_and_edges_of_acclaim(motion):
@@ -195,7 +196,7 @@ def test_lengths_without_a_unit(motion):
     unknown = read_shapes([motion(asf=ASF.replace("length 0.5", "length 1"))])
     expected = in_metres.shapes / HALF_INCH
     assert unknown.unit == "unknown"
-    np.testing.assert_allclose(unknown.shapes, expected, atol=1e-9)
+    assert_allclose(unknown.shapes, expected, atol=1e-9)
 
 
 BAD_MOTIONS = [

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 ANIPOSE = (
     "nose_x,nose_y,nose_z,nose_error,nose_ncams,nose_score,"
@@ -33,5 +34,5 @@ def test_points_scores_and_frame_numbers_of_anipose(read_motion, end):
     assert shapes.landmark_names == ("nose", "tail_1")
     assert shapes.items == ("fly/7", "fly/8", "fly/9")
     assert shapes.sequences == ("fly",) * 3
-    np.testing.assert_array_equal(shapes.shapes, POINTS)
-    np.testing.assert_array_equal(shapes.column("confidence"), CONFIDENCE)
+    assert_array_equal(shapes.shapes, POINTS)
+    assert_array_equal(shapes.column("confidence"), CONFIDENCE)

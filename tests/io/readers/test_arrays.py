@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
@@ -101,7 +102,7 @@ def test_fractions_of_an_image_become_pixels(fractions):
     width, height = 200.0, 100.0
     images, _ = read(path, keypoints="mediapipe_33", image_size=(width, height))
     expected = points * (width, height)
-    np.testing.assert_allclose(images.landmarks, expected)
+    assert_allclose(images.landmarks, expected)
     assert images.unit == "px"
     assert images.landmark_names[0] == "nose"
 
@@ -129,7 +130,7 @@ def test_arrays_of_3d_points_are_shapes(array, rng, scale):
         shapes = source.whole()
     assert find_kind(path, COCO) == "shapes"
     assert shapes.landmark_names[0] == "nose"
-    np.testing.assert_array_equal(shapes.shapes, points)
+    assert_array_equal(shapes.shapes, points)
     with pytest.raises(InputError, match=r"third numbers run.*3D are for learn-dict"):
         read(path, keypoints="coco_17")
 
@@ -149,4 +150,4 @@ def test_the_format_says_what_the_third_number_is(array, rng):
 def test_where_shapes_are_asked_for_the_third_number_is_a_depth(array, rng):
     points = rng.uniform(0, 1, (6, 17, 3))
     with open_shapes([array(points)], COCO) as source:
-        np.testing.assert_array_equal(source.whole().shapes, points)
+        assert_array_equal(source.whole().shapes, points)

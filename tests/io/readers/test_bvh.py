@@ -1,7 +1,7 @@
 """BVH: joints worked out by hand."""
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 TREE = """HIERARCHY
 ROOT Hips
@@ -62,7 +62,7 @@ def test_bvh_worked_out_by_hand(read_motion, text):
     replace offsets.
     """
     shapes, _ = read_motion("walk.bvh", text)
-    np.testing.assert_allclose(shapes.shapes, [STILL, TURNED], atol=1e-12)
+    assert_allclose(shapes.shapes, [STILL, TURNED], atol=1e-12)
 
 
 @pytest.mark.parametrize("text", FORMS.values(), ids=FORMS)
@@ -80,7 +80,7 @@ def test_an_offset_holds_where_no_channel_replaces_it(read_motion):
     tree = TREE.replace("6 Xposition Yposition Zposition", "3")
     shapes, _ = read_motion("walk.bvh", tree + "0 0 0 0 0 0\n0 0 0 0 0 0\n")
     expected = [[0, 10, 0], [0, 6, 0], [0, 6, 2]]
-    np.testing.assert_allclose(shapes.shapes[0], expected)
+    assert_allclose(shapes.shapes[0], expected)
 
 
 def test_frames_of_bvh_that_are_announced_and_not_there(read_motion):

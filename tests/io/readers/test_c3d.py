@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from tests.io.files import load_shapes
@@ -90,8 +91,8 @@ def test_what_ezc3d_reads(c3d, count, channels):
     homogeneous = ezc3d.c3d(str(path))["data"]["points"]
     expected = homogeneous[:3].transpose(2, 1, 0) / 1000
     shapes, notes = load_shapes(path)
-    np.testing.assert_array_equal(np.isnan(shapes.shapes), np.isnan(expected))
-    np.testing.assert_allclose(shapes.shapes, expected, rtol=1e-12)
+    assert_array_equal(np.isnan(shapes.shapes), np.isnan(expected))
+    assert_allclose(shapes.shapes, expected, rtol=1e-12)
     assert shapes.landmark_names == labels
     assert shapes.frame_rate == 100.0
     assert notes == ()
@@ -209,7 +210,7 @@ def test_analog_values_that_only_the_header_counts_are_no_points(
     state_no_channels(path)
     shapes, notes = load_shapes(path)
     check_points(shapes, points / 1000)
-    np.testing.assert_array_equal(shapes.shapes, whole.shapes)
+    assert_array_equal(shapes.shapes, whole.shapes)
     assert any(CONTRADICTED in note for note in notes)
 
 
@@ -321,7 +322,7 @@ def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
     path = tmp_path / "walk.c3d"
     expected = write_whole_numbers(path, INTEL)
     shapes, _ = load_shapes(path)
-    np.testing.assert_array_equal(shapes.shapes, expected)
+    assert_array_equal(shapes.shapes, expected)
     assert shapes.frame_rate == 50
 
 

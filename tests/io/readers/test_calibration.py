@@ -5,6 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.io.readers.calibration import read_camera
@@ -44,12 +45,8 @@ def calibration(tmp_path):
 @pytest.mark.parametrize("name", ["cam_0", "left", "cam_1", "7"])
 def test_by_section_name_or_port_and_rotations_of_both_kinds(calibration, name):
     camera = read_camera(calibration(), name)
-    np.testing.assert_allclose(
-        camera.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        camera.distortion, [-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0]
-    )
+    assert_allclose(camera.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert_allclose(camera.distortion, [-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0])
     assert camera.size.tolist() == [640, 480]
     assert camera.translation.tolist() == [1, 2, 3]
 
@@ -239,6 +236,6 @@ def test_real_calibrations_equal_what_others_read(real_data):
         with h5py.File(real_data / "detected" / landmarks) as known:
             rotation = known[f"{before}extrinsic_rotation"][()]
             translation = known[f"{before}extrinsic_translation"][()]
-            np.testing.assert_allclose(camera.matrix, known["camera_matrix"][()])
-        np.testing.assert_allclose(camera.rotation, rotation, atol=1e-12)
-        np.testing.assert_allclose(camera.translation / size, translation, rtol=1e-9)
+            assert_allclose(camera.matrix, known["camera_matrix"][()])
+        assert_allclose(camera.rotation, rotation, atol=1e-12)
+        assert_allclose(camera.translation / size, translation, rtol=1e-9)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io.skeletons import installed_skeletons
@@ -114,9 +115,9 @@ def test_feet_face_and_hands_of_a_whole_body(read, absent):
     confidence = images.confidence[0]
     assert images.landmark_names == WHOLE
     assert (~seen).sum() == PARTS.get(absent, 0)
-    np.testing.assert_array_equal(x[seen], np.flatnonzero(seen) + 1)
+    assert_array_equal(x[seen], np.flatnonzero(seen) + 1)
     assert confidence[0] == 1
-    np.testing.assert_allclose(confidence[17:][seen[17:]], 0.75)
+    assert_allclose(confidence[17:][seen[17:]], 0.75)
     assert notes == ()
 
 

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.io.readers import made
 from tests.io.readers.made import read_images
@@ -86,7 +87,7 @@ def test_csv_is_read_in_every_dress(tmp_path, read, old, new):
     path.write_bytes(PLAIN.replace(old, new).encode())
     images = read(path)
     assert images.items == ("p/42150", "p/42151", "p/42153")
-    np.testing.assert_array_equal(images.landmarks, POINTS_OF_PLAIN)
+    assert_array_equal(images.landmarks, POINTS_OF_PLAIN)
     assert images.confidence.tolist() == [[0.5, 1], [0, 0.25], [1, 1]]
 
 
@@ -103,8 +104,8 @@ def test_a_landmark_that_an_individual_lacks_is_unseen(tmp_path, read):
     path = tmp_path / "t.csv"
     path.write_text(OF_INDIVIDUALS)
     one, single = read(path).landmarks
-    np.testing.assert_array_equal(one, [[1, 2], [3, 4], UNSEEN])
-    np.testing.assert_array_equal(single, [UNSEEN, UNSEEN, [5, 6]])
+    assert_array_equal(one, [[1, 2], [3, 4], UNSEEN])
+    assert_array_equal(single, [UNSEEN, UNSEEN, [5, 6]])
 
 
 OF_AN_ENSEMBLE = """\

@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io.readers.coco import read_coco_annotations
@@ -259,9 +260,9 @@ def test_what_is_read(written, tmp_path, files, expected):
         }
         for name, wanted in expected.items():
             if name == "points":
-                np.testing.assert_array_equal(images.points, wanted)
+                assert_array_equal(images.points, wanted)
             elif name == "confidence" and wanted is not None:
-                np.testing.assert_allclose(images.confidence, wanted)
+                assert_allclose(images.confidence, wanted)
             elif name == "confidence":
                 assert images.confidence is None
             elif name == "items" and len(given) < len(paths):

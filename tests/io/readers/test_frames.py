@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_shapes
@@ -56,7 +57,7 @@ def test_frames_are_those_of_the_file(tmp_path, make, frames):
     ]
     if make in (nwb, movement):
         times = 2 + np.array(frames) / RATE
-        np.testing.assert_allclose(images.column("time"), times)
+        assert_allclose(images.column("time"), times)
 
 
 @pytest.mark.parametrize("make", IMAGES.values(), ids=IMAGES)
@@ -100,4 +101,4 @@ def test_times_of_trc_count_where_its_frames_were_numbered_anew(tmp_path):
     times = np.array([0, 1, 2, 9, 10]) / RATE
     shapes = read_shapes([trc(tmp_path / "v", range(1, 6), times)], gaps=True)
     assert shapes.column("frame").tolist() == [0, 1, 2, 9, 10]
-    np.testing.assert_allclose(shapes.column("time"), times, atol=1e-4)
+    assert_allclose(shapes.column("time"), times, atol=1e-4)

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.io.readers import made
 
@@ -23,7 +24,7 @@ def test_jabs(mouse, read):
     """Whose y comes first, and of whose landmarks none stands alone."""
     path, points = mouse
     images = read(path)
-    np.testing.assert_array_equal(images.landmarks, points)
+    assert_array_equal(images.landmarks, points)
     assert images.confidence[3].tolist() == [0.5, 0.5, 0, *[0.5] * 9]
     assert images.items[0] == "mouse/0"
     assert images.landmark_names[:2] == ("NOSE", "LEFT_EAR")
@@ -71,7 +72,7 @@ def test_jabs_of_several_mice(mice, read, version):
         rows = np.array(images.sequences) == name
         present = [frame for frame in range(7) if (frame, who) != (3, 1)]
         assert images.frames[rows].tolist() == present
-        np.testing.assert_array_equal(images.landmarks[rows], points[present, who])
+        assert_array_equal(images.landmarks[rows], points[present, who])
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -7,6 +7,7 @@ import json
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
@@ -125,12 +126,12 @@ def test_frames_are_those_of_the_file_in_order(tmp_path, write, frames):
     found = images.frames - images.frames[0]
     assert found.tolist() == (expected - expected[0]).tolist()
     moved = (images.as_columns()[:, 0, 0] - images.as_columns()[0, 0, 0]) / 3
-    np.testing.assert_allclose(moved, expected - expected[0])
+    assert_allclose(moved, expected - expected[0])
     for name in ("out.h5", "out.csv"):
         save(tmp_path / name, images)
         back = load(tmp_path / name)
         assert back.frames.tolist() == images.frames.tolist()
-        np.testing.assert_array_equal(back.points, images.points)
+        assert_array_equal(back.points, images.points)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +152,7 @@ def test_times_of_a_table_are_those_of_its_frames(tmp_path):
     images = load(path)
     assert images.frames.tolist() == [0, 1, 3, 5]
     assert images.frame_rate == 25.0
-    np.testing.assert_allclose(images.times, [0, 0.04, 0.12, 0.2])
+    assert_allclose(images.times, [0, 0.04, 0.12, 0.2])
 
 
 def test_labelled_images_of_several_videos_are_apart(tmp_path):

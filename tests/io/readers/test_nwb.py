@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tests.io.files import load_shapes
 from tests.io.readers import made
@@ -63,4 +64,4 @@ def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, u
             data.attrs["conversion"] = 0.001
     shapes, _ = load_shapes(path)
     assert shapes.unit == unit
-    np.testing.assert_allclose(shapes.shapes, points[:, 0] / 1000)
+    assert_allclose(shapes.shapes, points[:, 0] / 1000)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io.source import find_kind
@@ -95,7 +96,7 @@ def test_negative_pixels_of_markers_are_negated(write_plane, name):
     """As Sports2D writes the landmarks of an image."""
     images, notes = read_images(write_plane(name, PLANE))
     expected = PLANE[..., :2] * [1, -1]
-    np.testing.assert_array_equal(images.landmarks, expected)
+    assert_array_equal(images.landmarks, expected)
     assert images.y_axis == "down"
     assert images.unit == "px"
     assert notes[-1].endswith("its sign is changed: y points down")
@@ -105,7 +106,7 @@ def test_negative_pixels_of_markers_are_negated(write_plane, name):
 def test_y_of_markers_points_up(write_plane, name):
     positive = PLANE * [1.0, -1.0, 1.0]
     images, notes = read_images(write_plane(name, positive))
-    np.testing.assert_array_equal(images.landmarks, positive[..., :2])
+    assert_array_equal(images.landmarks, positive[..., :2])
     assert images.y_axis == "up"
     assert images.unit == "px"
     assert notes[-1].endswith("y points up, as that of markers")
@@ -115,7 +116,7 @@ def test_y_of_markers_points_up(write_plane, name):
 def test_a_table_does_not_say_where_y_points(write_plane, sign):
     plane = PLANE * [1.0, sign, 1.0]
     images, notes = read_images(write_plane("table.csv", plane))
-    np.testing.assert_array_equal(images.landmarks, plane[..., :2])
+    assert_array_equal(images.landmarks, plane[..., :2])
     assert images.y_axis == "down"
     assert images.unit == "unknown"
     assert "y points" not in notes[-1]
@@ -124,7 +125,7 @@ def test_a_table_does_not_say_where_y_points(write_plane, sign):
 def test_negative_pixels_stay_where_y_is_said_to_point_up(write_plane):
     path = write_plane("walk.trc", PLANE)
     images, _ = read_images(path, y_axis="up")
-    np.testing.assert_array_equal(images.landmarks, PLANE[..., :2])
+    assert_array_equal(images.landmarks, PLANE[..., :2])
     assert images.y_axis == "up"
 
 

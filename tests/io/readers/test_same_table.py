@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import shapefit
 from shapefit.io import open_landmarks, open_shapes
@@ -167,7 +168,7 @@ def check(records, names: Sequence[str], points: np.ndarray) -> None:
     )
     for name, own in zip(names, points.swapaxes(0, 1), strict=True):
         if name in found:
-            np.testing.assert_array_equal(found[name], own)
+            assert_array_equal(found[name], own)
 
 
 @pytest.mark.parametrize("called", NAMES)

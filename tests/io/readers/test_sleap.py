@@ -5,6 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.io.readers import made
 from tests.io.readers.made import read_images
@@ -41,7 +42,7 @@ def test_a_skeleton_of_a_preset(slp_file, read):
     assert images.landmark_names == plain.landmark_names
     assert plain.lines.tolist() == [[0, 1]]
     assert images.lines.tolist() == [[0, 1]]
-    np.testing.assert_array_equal(images.landmarks, plain.landmarks)
+    assert_array_equal(images.landmarks, plain.landmarks)
 
 
 def test_a_preset_without_nodes_is_refused(slp_file, problem):
@@ -79,9 +80,9 @@ def test_each_animal_has_the_landmarks_of_its_skeleton(of_two_skeletons, points)
     animals = np.array([name[-1] for name in of_two_skeletons.sequences])
     first = of_two_skeletons.landmarks[animals == "0"]
     second = of_two_skeletons.landmarks[animals == "1"]
-    np.testing.assert_array_equal(first[:, :4], points[:, 0])
+    assert_array_equal(first[:, :4], points[:, 0])
     assert np.isnan(first[:, 4:]).all()
-    np.testing.assert_array_equal(second[:, [4, 1, 5, 0]], points[:, 1])
+    assert_array_equal(second[:, [4, 1, 5, 0]], points[:, 1])
 
 
 ANALYSIS_AXES = '["frame", "track", "node", "xy"]'
@@ -109,8 +110,8 @@ def test_axes_of_analysis_files(tmp_path, rng, read, frame_count, stated):
             file["tracks"].attrs["dims"] = ANALYSIS_AXES
             file["point_scores"].attrs["dims"] = SCORE_AXES
     images = read(path)
-    np.testing.assert_array_equal(images.landmarks, expected.landmarks)
-    np.testing.assert_array_equal(images.confidence, expected.confidence)
+    assert_array_equal(images.landmarks, expected.landmarks)
+    assert_array_equal(images.confidence, expected.confidence)
 
 
 def nodes_in_order(order):
@@ -125,13 +126,13 @@ def test_a_skeleton_in_the_order_of_its_file(slp_file, points, read):
         attributes["json"] = attributes["json"].replace(before, after)
     images = read(slp_file)
     assert images.landmark_names == ("point2", "point0", "point3", "point1")
-    np.testing.assert_array_equal(by_animal(images, 2), points)
+    assert_array_equal(by_animal(images, 2), points)
 
 
 def test_old_slp_files_are_shifted_by_half_a_pixel(slp_file, points, read):
     with h5py.File(slp_file, "a") as file:
         file["metadata"].attrs["format_id"] = 1.0
-    np.testing.assert_array_equal(by_animal(read(slp_file), 2), points - 0.5)
+    assert_array_equal(by_animal(read(slp_file), 2), points - 0.5)
 
 
 @pytest.fixture
@@ -155,7 +156,7 @@ def test_what_a_user_placed_of_a_track_wins(placed_file, points):
     expected = points.copy()
     expected[2, 1] += 1
     expected[5, 0] += 1
-    np.testing.assert_array_equal(by_animal(images, 2), expected)
+    assert_array_equal(by_animal(images, 2), expected)
 
 
 def test_what_a_user_placed_of_a_prediction_wins(placed_file):
@@ -182,6 +183,6 @@ def test_an_analysis_file_of_tracks_and_nodes_alone(
             del file[name]
     images = read(path)
     names = [name.replace("animal", "track_") for name in whole.sequences]
-    np.testing.assert_array_equal(images.landmarks, whole.landmarks)
+    assert_array_equal(images.landmarks, whole.landmarks)
     assert images.landmark_names == whole.landmark_names
     assert images.sequences == tuple(names)

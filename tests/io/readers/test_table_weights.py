@@ -1,7 +1,7 @@
 """Columns of tables that hide landmarks or weight them."""
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 
@@ -36,7 +36,7 @@ def wide_table(column, seen, unseen):
 def test_columns_that_hide_landmarks(table, column, seen, unseen, layout, delimiter):
     text = layout(column, seen, unseen)
     images, _ = read(table(text.replace(",", delimiter)))
-    np.testing.assert_array_equal(images.confidence, [[1, 0]])
+    assert_array_equal(images.confidence, [[1, 0]])
 
 
 @pytest.mark.parametrize(("column", "seen", "unseen"), HIDING)
@@ -45,7 +45,7 @@ def test_columns_that_hide_images(table, column, seen, unseen, delimiter):
     rows = f"i,{seen},10,20,30,40\nj,{unseen},1,2,3,4\n"
     text = f"item,{column},a_x,a_y,b_x,b_y\n{rows}"
     images, _ = read(table(text.replace(",", delimiter)))
-    np.testing.assert_array_equal(images.confidence, [[1, 1], [0, 0]])
+    assert_array_equal(images.confidence, [[1, 1], [0, 0]])
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
@@ -39,8 +40,8 @@ def test_points_and_confidences_are_those_of_the_file(
     path = tmp_path / name
     write(path, points, confidence)
     images, _ = read(path)
-    np.testing.assert_array_equal(images.landmarks, points[:, 0])
-    np.testing.assert_array_equal(images.confidence, confidence[:, 0])
+    assert_array_equal(images.landmarks, points[:, 0])
+    assert_array_equal(images.confidence, confidence[:, 0])
     assert list(images.landmark_names) == (NAMES if named else list("0123"))
     assert images.sequences == (("a",) * 5 if is_video else None)
     assert images.y_axis == "down"
@@ -82,7 +83,7 @@ def test_headers_that_say_the_same(table, text):
     order = np.argsort([name.lower() for name in images.landmark_names])
     points = images.landmarks[:, order]
     assert detect_format(path).title == "a table of landmarks"
-    np.testing.assert_array_equal(points, [[[1, 2], [30, 40]], [[5, 6], [70, 80]]])
+    assert_array_equal(points, [[[1, 2], [30, 40]], [[5, 6], [70, 80]]])
     assert notes == ()
     assert len(set(images.sequences)) == 1
 
@@ -171,7 +172,7 @@ OF_TWO_INDIVIDUALS = [
 def test_columns_of_individuals(table, layout, column, cells, items):
     images, notes = read(table(layout(column, *cells)))
     assert images.items == items
-    np.testing.assert_array_equal(images.landmarks, OF_TWO_INDIVIDUALS)
+    assert_array_equal(images.landmarks, OF_TWO_INDIVIDUALS)
     assert notes == ()
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.io import read_shapes
 from tests.io.readers import made
@@ -27,8 +28,8 @@ def test_points_confidence_and_names(tmp_path, points, confidence, read, name, m
     images = read(path)
     seen = np.isfinite(points[..., 0])
     weights = np.moveaxis(np.where(seen, confidence, 0), 1, 0).reshape(-1, 4)
-    np.testing.assert_array_equal(by_animal(images, many), points)
-    np.testing.assert_allclose(images.confidence, weights)
+    assert_array_equal(by_animal(images, many), points)
+    assert_allclose(images.confidence, weights)
     assert images.landmark_names == landmark_names(4)
     assert len(set(images.sequences)) == many
     assert images.unit == "px"
@@ -58,11 +59,11 @@ def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
     TRACKERS[name](path, points, confidence)
     shapes = read_shapes([path], gaps=True).shapes
     by_frame = np.moveaxis(shapes.reshape(2, 7, 4, 3), 0, 1)
-    np.testing.assert_array_equal(by_frame, points)
+    assert_array_equal(by_frame, points)
     assert "of 3D points; give 2D landmarks" in problem(path)
 
 
 def test_movement_of_newer_versions(tmp_path, points, confidence, read):
     path = tmp_path / "p.nc"
     made.write_movement(path, points, confidence, plural=False)
-    np.testing.assert_array_equal(by_animal(read(path), 2), points)
+    assert_array_equal(by_animal(read(path), 2), points)

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -132,7 +133,7 @@ def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
     order = np.lexsort((poses.frame, who))
     videos = [f"camera {number}" for number in who.tolist()]
     of_two_cameras = replace(poses, video=videos).take(order)
-    np.testing.assert_array_equal(tracks(of_two_cameras), who[order] + 1)
+    assert_array_equal(tracks(of_two_cameras), who[order] + 1)
 
 
 def optimal_pairs(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:

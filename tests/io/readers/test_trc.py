@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 HEAD = (
     "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
@@ -48,7 +49,7 @@ def test_trc_in_all_its_forms(read_motion, text):
     assert shapes.items == ("walk/0", "walk/1", "walk/2")
     assert shapes.unit == "m"
     assert shapes.frame_rate == 50.0
-    np.testing.assert_allclose(shapes.shapes, MARKERS / 1000)
+    assert_allclose(shapes.shapes, MARKERS / 1000)
 
 
 def test_points_after_the_named_ones_are_left_out(read_motion):
@@ -56,7 +57,7 @@ def test_points_after_the_named_ones_are_left_out(read_motion):
     text = TRC.replace("4\t5\t6\n", "4\t5\t6\t\t\t\t9\t9\t9\n")
     text = text.replace("1e2\t.5\t6.", "1e2\t.5\t6.\t8\t8\t8")
     shapes, notes = read_motion("walk.trc", text)
-    np.testing.assert_allclose(shapes.shapes, MARKERS / 1000)
+    assert_allclose(shapes.shapes, MARKERS / 1000)
     assert any("2 points without a name left out" in note for note in notes)
 
 
@@ -64,7 +65,7 @@ def test_columns_that_the_header_counts_without_names_are_left_out(read_motion):
     head = HEAD.replace("\tX2\tY2\tZ2", "\tX2\tY2\tZ2\tX3\tY3\tZ3")
     rows = ROWS.replace("4\t5\t6\n", "4\t5\t6\t7\t8\t9\n")
     shapes, notes = read_motion("walk.trc", head + rows)
-    np.testing.assert_allclose(shapes.shapes, MARKERS / 1000)
+    assert_allclose(shapes.shapes, MARKERS / 1000)
     assert any("1 point without a name left out" in note for note in notes)
 
 
@@ -84,7 +85,7 @@ def test_lengths_are_metres_where_the_unit_is_known(
 ):
     shapes, _ = read_motion("walk.trc", TRC.replace("mm", unit))
     assert shapes.unit == expected
-    np.testing.assert_allclose(shapes.shapes, factor * MARKERS)
+    assert_allclose(shapes.shapes, factor * MARKERS)
 
 
 MORE_FRAMES = HEAD.replace("\t3\t2\t", "\t9\t2\t") + ROWS

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 HEADER = """Trajectories,,,,,,,
 100,,,,,,,
@@ -30,5 +31,5 @@ def test_trajectories_of_vicon(read_motion, before):
     assert shapes.frame_rate == 100
     assert notes == ()
     first, second = shapes.shapes
-    np.testing.assert_allclose(first, [[1, 2, 3], [0.01, 0.02, 0.03]])
+    assert_allclose(first, [[1, 2, 3], [0.01, 0.02, 0.03]])
     assert np.isnan(second[1]).all()

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
 
 from shapefit.errors import InputError
@@ -149,7 +150,7 @@ def test_a_mot_file_has_numbers_alone(uncertain_leg, target):
     angles = storage.column("knee_angle_r")
     assert storage.labels == ["time", "knee_angle_r"]
     assert storage.times.tolist() == [0.06, 0.08]  # frame 5 is missing, 6 has no shape
-    np.testing.assert_allclose(angles, [KNEE, KNEE], rtol=1e-6)
+    assert_allclose(angles, [KNEE, KNEE], rtol=1e-6)
 
 
 def test_deviations_stand_beside_a_mot_file(uncertain_leg, target, tmp_path):
@@ -160,8 +161,8 @@ def test_deviations_stand_beside_a_mot_file(uncertain_leg, target, tmp_path):
     sd = knee_deviation(1.0)
     assert summary.written == (target, beside)
     assert deviations.labels == angles.labels
-    np.testing.assert_array_equal(deviations.times, angles.times)
-    np.testing.assert_allclose(deviations.column("knee_angle_r"), [sd, sd], rtol=0.01)
+    assert_array_equal(deviations.times, angles.times)
+    assert_allclose(deviations.column("knee_angle_r"), [sd, sd], rtol=0.01)
 
 
 def test_uncertain_angles_are_counted(uncertain_leg, target):
@@ -208,7 +209,7 @@ def test_an_angle_of_a_joint_that_is_missing_is_that_of_the_nearest_frame(legs, 
     angles = check_storage(target, ANGLES_TITLE)
     right = angles.column("knee_angle_r")
     left = angles.column("knee_angle_l")
-    np.testing.assert_allclose(right, left, rtol=1e-6)
+    assert_allclose(right, left, rtol=1e-6)
 
 
 def test_nothing_is_known_of_an_angle_of_the_nearest_frame(legs, target, tmp_path):
@@ -293,7 +294,7 @@ def test_joints_are_in_metres(joint_rows):
     points = [[float(row[axis]) for axis in "xyz"] for row in joint_rows[:3]]
     bones = np.diff(points, axis=0)
     sd = float(joint_rows[0]["sd"])
-    np.testing.assert_allclose(bones, [[0, -0.04, 0], [0.003, -0.04, 0]], atol=1e-7)
+    assert_allclose(bones, [[0, -0.04, 0], [0.003, -0.04, 0]], atol=1e-7)
     assert sd == pytest.approx(0.001 * np.sqrt(3))
 
 

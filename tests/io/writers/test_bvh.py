@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.rotations import random_rotations
@@ -36,7 +37,7 @@ def read_joints(path, names):
 
 
 def assert_joints_near(joints, expected):
-    np.testing.assert_allclose(joints, expected, atol=0.02 * MILLIMETRE)
+    assert_allclose(joints, expected, atol=0.02 * MILLIMETRE)
 
 
 def test_rigid_bones_come_back_to_a_millimetre(target, project):
@@ -86,7 +87,7 @@ def test_a_result_rests_in_a_t(target, scene):
         for name in names:
             length = np.linalg.norm(bones[name])
             expected = length * np.array(direction)
-            np.testing.assert_allclose(bones[name], expected, atol=1e-5)
+            assert_allclose(bones[name], expected, atol=1e-5)
 
 
 def test_twelve_joints_of_limbs_are_a_person(target, shapes):
@@ -133,7 +134,7 @@ def test_gaps_are_bridged(target, shapes):
     shapes.shapes[1, ankle] = np.nan
     save(target, shapes)
     foot = read_joints(target, ["RightFoot"])[1, :, 0]
-    np.testing.assert_allclose(foot, middle, atol=20 * MILLIMETRE)
+    assert_allclose(foot, middle, atol=20 * MILLIMETRE)
 
 
 @pytest.mark.parametrize(("missing", "nearest"), [(0, 1), (-1, -2)])
@@ -165,7 +166,7 @@ def test_limbs_go_on_beyond_their_last_joints(target, scene):
     share = np.linalg.norm(ends, axis=1) / np.linalg.norm(bones, axis=1)
     assert len(limbs) == 5  # head, hands and feet
     assert (share > 0).all()
-    np.testing.assert_allclose(ends, share[:, None] * bones, atol=1e-5)
+    assert_allclose(ends, share[:, None] * bones, atol=1e-5)
 
 
 def test_what_has_no_place_is_left_out(target, shapes):
@@ -221,7 +222,7 @@ def rotations_of(angles):
 def test_angles_are_those_of_the_rotations(rng):
     R = random_rotations(50, rng)
     (angles,) = find_angles(R[None])
-    np.testing.assert_allclose(rotations_of(angles), R, atol=1e-12)
+    assert_allclose(rotations_of(angles), R, atol=1e-12)
 
 
 def test_angles_of_slow_turns_change_little():
@@ -241,7 +242,7 @@ def test_near_a_quarter_turn_about_the_middle_axis_angles_are_right(rng, middle,
     angles = np.column_stack([others[:, 0], middle + away, others[:, 1]])
     R = rotations_of(angles)
     (found,) = find_angles(R[:, None].swapaxes(0, 1))
-    np.testing.assert_allclose(rotations_of(found), R, atol=3e-8)
+    assert_allclose(rotations_of(found), R, atol=3e-8)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
@@ -250,4 +251,4 @@ def test_a_quarter_turn_that_is_rounded_up_has_angles(sign):
     (R,) = rotations_of(np.array([[0.3, sign * np.pi / 2, 0.0]]))
     R[2, 1] = sign * np.nextafter(1.0, 2.0)
     (angles,) = find_angles(R[None, None])
-    np.testing.assert_allclose(rotations_of(angles)[0], R, atol=1e-7)
+    assert_allclose(rotations_of(angles)[0], R, atol=1e-7)

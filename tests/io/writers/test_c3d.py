@@ -5,6 +5,7 @@ import sys
 import ezc3d
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.io import read_shapes
 from shapefit.io.writers.tables import MAX_FRAMES
@@ -35,7 +36,7 @@ def test_c3d_has_points_in_millimetres(written, scene):
     points = points_of(ezc3d.c3d(str(written)))
     known = [0, 1, 3]
     expected = 1000 * scene.y_up[known]
-    np.testing.assert_allclose(points[known], expected, atol=1e-3)
+    assert_allclose(points[known], expected, atol=1e-3)
     assert np.isnan(points[2]).all()
 
 
@@ -44,7 +45,7 @@ def test_points_that_are_missing_have_the_residual_minus_1(written):
     residuals = file["data"]["meta_points"]["residuals"][0]
     assert residuals.shape == (15, 4)
     for of_landmark in residuals:
-        np.testing.assert_array_equal(of_landmark, [0, 0, -1, 0])
+        assert_array_equal(of_landmark, [0, 0, -1, 0])
 
 
 def test_parameters_of_c3d(written, scene):
@@ -67,7 +68,7 @@ def test_shapes_keep_their_axes_and_promise_none(target, scene, shapes):
     save(target, shapes)
     file = ezc3d.c3d(str(target))
     parameters = file["parameters"]
-    np.testing.assert_allclose(points_of(file), 1000 * scene.world, atol=1e-3)
+    assert_allclose(points_of(file), 1000 * scene.world, atol=1e-3)
     assert "Y_SCREEN" not in parameters["POINT"]
     assert parameters["SHAPEFIT"]["AXES"]["value"] == ["axes as in the shapes"]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.geometry.floor import Floor
@@ -64,7 +65,7 @@ def check_camera(folder, record):
     points = trc_points(folder / "walk.trc")
     camera = read_camera(folder / "walk.toml", None)
     image = project(camera, points)
-    np.testing.assert_allclose(image, landmarks_of(record), atol=1e-3)
+    assert_allclose(image, landmarks_of(record), atol=1e-3)
     return camera
 
 
@@ -135,7 +136,7 @@ def test_else_the_principal_point_is_taken_for_the_middle(target, filmed):
 def test_the_lens_comes_back(target, with_lens):
     save(target, with_lens)
     camera = read_camera(target, "film")
-    np.testing.assert_array_equal(camera.distortion, LENS)
+    assert_array_equal(camera.distortion, LENS)
 
 
 def test_each_video_has_its_camera(target, filmed_alone):

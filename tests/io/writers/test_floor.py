@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.floor import ABOVE_FLOOR
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
@@ -81,7 +82,7 @@ def test_every_format_has_the_same_floor(tmp_path, walk):
     rows = read_rows(tmp_path / "man.metres.csv")
     values = [[float(row[axis]) for axis in "xyz"] for row in rows]
     table = np.reshape(values, (len(points), -1, 3))
-    np.testing.assert_allclose(in_columns(table), points, atol=1e-6)
+    assert_allclose(in_columns(table), points, atol=1e-6)
 
 
 def test_the_trunk_tilts_from_the_true_vertical(tmp_path, walk):
@@ -159,7 +160,7 @@ def test_what_is_never_visible_shows_no_floor(walk, landmarks_without_ankles):
 
 def test_a_gap_does_not_move_the_floor(walk, landmarks_without_ankles):
     floor = floors_of(landmarks_without_ankles(np.s_[5:8]))["film"]
-    np.testing.assert_array_equal(floor.up, floors_of(walk)["film"].up)
+    assert_array_equal(floor.up, floors_of(walk)["film"].up)
 
 
 def test_individuals_of_a_video_share_the_floor_and_videos_do_not(walk):

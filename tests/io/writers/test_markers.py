@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.records import Fit
@@ -49,14 +50,14 @@ def test_markers_are_where_the_detector_has_them(tmp_path, lifted):
     joints = trc_points(tmp_path / "joints.trc")
     above_hip = markers[..., 0] - joints[..., planted.JOINTS["rhip"]]
     distances = np.linalg.norm(above_hip, axis=1)
-    np.testing.assert_allclose(distances, 0.01, atol=1e-6)
+    assert_allclose(distances, 0.01, atol=1e-6)
 
 
 def test_markers_come_back(tmp_path, lifted):
     path = tmp_path / "man.trc"
     save(path, lifted, markers="input")
     shapes, _ = load_shapes(path)
-    np.testing.assert_allclose(shapes.as_columns(), trc_points(path), atol=1e-12)
+    assert_allclose(shapes.as_columns(), trc_points(path), atol=1e-12)
 
 
 def test_angles_are_those_of_joints(tmp_path, lifted):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.io.layout import METRES_FROM
@@ -20,7 +21,7 @@ def points_in_metres(record, options=NOTHING):
 
 
 def assert_near(points, expected):
-    np.testing.assert_allclose(points, expected, atol=1e-12)
+    assert_allclose(points, expected, atol=1e-12)
 
 
 def facing(result, y_axis):
@@ -118,7 +119,7 @@ def test_height_sets_the_size(scene, missing):
     result = scene.result.without(missing)
     placed = in_metres(result, OutputOptions(height=1.5), "man.trc")
     stature = find_stature(placed.points, result.landmark_names)
-    np.testing.assert_allclose(stature, 1.5, rtol=1e-9)
+    assert_allclose(stature, 1.5, rtol=1e-9)
     assert placed.size == "height 1.5 m"
 
 
@@ -150,7 +151,7 @@ def test_the_height_that_a_result_states_sets_the_size(scene):
     result = state_heights(scene.result, [1.5, np.nan, 1.5, 1.5])
     placed = in_metres(result, NOTHING, "man.trc")
     stature = find_stature(placed.points, result.landmark_names)
-    np.testing.assert_allclose(stature, 1.5, rtol=1e-9)
+    assert_allclose(stature, 1.5, rtol=1e-9)
     assert placed.size == "height 1.5 m"
 
 

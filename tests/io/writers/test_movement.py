@@ -5,6 +5,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io import read_shapes
@@ -83,19 +84,19 @@ def test_names_and_times_along_the_axes(poses):
     assert poses["position"].attrs["units"] == "m"
     assert poses["space"].asstr()[()].tolist() == ["x", "y", "z"]
     assert poses["individuals"].asstr()[()].tolist() == ["film_anna", "film_ben"]
-    np.testing.assert_allclose(poses["time"], np.arange(7, 13) / 25)
+    assert_allclose(poses["time"], np.arange(7, 13) / 25)
 
 
 def test_confidence_says_who_is_trusted_in_which_frames(poses):
     confidence = poses["confidence"][:, 0]
     expected = [[1, np.nan], [1, np.nan], [1, 0], [1, 0], [np.nan, 0], [np.nan, 0]]
-    np.testing.assert_array_equal(confidence, expected)
+    assert_array_equal(confidence, expected)
 
 
 def test_error_bars_are_in_metres(poses, two):
     anna, ben = np.moveaxis(poses["shape_sd"][0], 1, 0)
     expected = np.sqrt(3) * two.metres_per_unit[0]
-    np.testing.assert_allclose(anna, expected)
+    assert_allclose(anna, expected)
     assert np.isnan(ben).all()
 
 
@@ -107,7 +108,7 @@ def test_points_unit_and_rate_come_back(tmp_path, scene):
     assert read.unit == "m"
     assert read.frame_rate == 25.0
     assert read.landmark_names == scene.result.landmark_names
-    np.testing.assert_allclose(read.as_columns(), scene.y_up, atol=1e-9)
+    assert_allclose(read.as_columns(), scene.y_up, atol=1e-9)
 
 
 def test_without_a_frame_rate_times_are_frames(tmp_path, scene):

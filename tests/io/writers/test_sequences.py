@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.io.formats import record_writer
@@ -41,7 +42,7 @@ def test_nothing_appears_before_all_is_written(tmp_path, target, several):
     expected = [f"man_{name}{end}" for name in "ab" for end in (".trc", "_angles.csv")]
     written = parse_trc(tmp_path / "man_b.trc")
     assert sorted(os.listdir(tmp_path)) == expected
-    np.testing.assert_array_equal(written.frames, [0, 1])
+    assert_array_equal(written.frames, [0, 1])
 
 
 ONE_SEQUENCE = [0, 1]

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.io.readers.motion import read_bvh
 from shapefit.io.writers.motion import MAX_GAP_SECONDS, bridge_gaps, find_times
@@ -47,7 +48,7 @@ def check_times(frames, times, expected):
     """Assert that frames 3 to 20 are there, and those of the shapes at their times."""
     rows = np.array(FRAMES) - 3
     assert [int(frame) for frame in frames] == [*range(3, 21)]
-    np.testing.assert_allclose(np.array(times)[rows], expected, atol=1e-6)
+    assert_allclose(np.array(times)[rows], expected, atol=1e-6)
     assert (np.diff(times) > 0).all()
 
 
@@ -76,7 +77,7 @@ def test_mot_has_the_true_times_and_no_empty_rows(tmp_path, timed):
     _, body = path.read_text().split("endheader\n")
     _labels, *rows = body.splitlines()
     times = [float(row.split("\t")[0]) for row in rows]
-    np.testing.assert_allclose(times, expected, atol=1e-6)
+    assert_allclose(times, expected, atol=1e-6)
 
 
 def test_a_format_of_one_rate_has_all_frames_and_says_where_times_are_others(
@@ -116,7 +117,7 @@ def test_a_table_may_have_any_numbers_of_frames(tmp_path, scene):
 def test_times_go_on_at_the_rate_where_none_is_stated():
     stated = np.array([np.nan, 2.0, np.nan])
     times = find_times(np.array([10, 12, 15]), 6, stated, 10.0)
-    np.testing.assert_allclose(times, [1.8, 1.9, 2.0, 2.1, 2.2, 2.3])
+    assert_allclose(times, [1.8, 1.9, 2.0, 2.1, 2.2, 2.3])
 
 
 def test_no_frames_have_no_times():
@@ -132,7 +133,7 @@ def test_short_gaps_are_bridged_and_long_ones_stay():
     values = np.stack([1.0 * GAPS], axis=1)
     bridged = bridge_gaps(values, GAPS, 24.0)[:, 0]
     assert len(bridged) == 26
-    np.testing.assert_allclose(bridged[:5], [5, 6, 7, 8, 9])
+    assert_allclose(bridged[:5], [5, 6, 7, 8, 9])
     assert np.isnan(bridged[5:-1]).all()
     assert bridged[-1] == 30
 
@@ -140,7 +141,7 @@ def test_short_gaps_are_bridged_and_long_ones_stay():
 def test_no_gap_is_bridged_from_an_unknown_value():
     values = np.array([[0.0], [np.nan], [1.0], [2.0]])
     bridged = bridge_gaps(values, GAPS, 24.0)[:, 0]
-    np.testing.assert_array_equal(bridged[[0, 4, -1]], [0, 1, 2])
+    assert_array_equal(bridged[[0, 4, -1]], [0, 1, 2])
     assert np.isnan(bridged[1:4]).all()
 
 
@@ -158,6 +159,6 @@ def test_a_gap_is_bridged_up_to_its_longest_time(rate):
     bridged = bridge_gaps(values, np.array([0, missing + 1]), rate)[:, 0]
     open_gap = bridge_gaps(values, np.array([0, missing + 2]), rate)[:, 0]
 
-    np.testing.assert_allclose(bridged, np.linspace(0, 1, missing + 2))
+    assert_allclose(bridged, np.linspace(0, 1, missing + 2))
     assert np.isnan(open_gap[1:-1]).all()
     assert open_gap[[0, -1]].tolist() == [0, 1]

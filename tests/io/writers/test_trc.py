@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.io import read_shapes
 from tests.io.files import save
@@ -36,9 +37,9 @@ def test_batches_are_one_table_of_points_and_times(target, scene):
     last = scene.result.take([3])
     save(target, first_three, last)
     trc = parse_trc(target)
-    np.testing.assert_array_equal(trc.frames, [7, 8, 9, 10])
-    np.testing.assert_allclose(trc.times, [0.28, 0.32, 0.36, 0.4])
-    np.testing.assert_allclose(trc.points, scene.y_up, atol=1e-12)
+    assert_array_equal(trc.frames, [7, 8, 9, 10])
+    assert_allclose(trc.times, [0.28, 0.32, 0.36, 0.4])
+    assert_allclose(trc.points, scene.y_up, atol=1e-12)
 
 
 def test_what_is_told_of_trc(target, scene):
@@ -64,9 +65,9 @@ def test_frames_are_sorted_and_those_missing_are_gaps(target, scene):
     summary = save(target, result.replaced(shapes=shapes, frame_rate=None))
     trc = parse_trc(target)
     gaps, rate = summary.warnings
-    np.testing.assert_array_equal(trc.frames, [7, 8, 9, 10])
-    np.testing.assert_array_equal(trc.times, [7, 8, 9, 10])
-    np.testing.assert_array_equal(trc.empty, [False, True, True, False])
+    assert_array_equal(trc.frames, [7, 8, 9, 10])
+    assert_array_equal(trc.times, [7, 8, 9, 10])
+    assert_array_equal(trc.empty, [False, True, True, False])
     assert trc.header["NumFrames"] == "4"
     assert gaps == "2 frames without a shape of film/anna"
     assert rate.startswith("the frame rate is unknown")
@@ -77,7 +78,7 @@ def test_an_unknown_landmark_is_an_empty_cell(target, shapes, scene):
     save(target, shapes, up="z")
     expected = scene.y_up.copy()
     expected[1, :, 4] = np.nan
-    np.testing.assert_allclose(trc_points(target), expected, atol=1e-12)
+    assert_allclose(trc_points(target), expected, atol=1e-12)
 
 
 def test_names_with_tabs_do_not_shift_columns(target, shapes):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.io.files import load_shapes, save
 
@@ -45,4 +46,4 @@ def test_frames_of_an_unknown_rate_keep_their_distances(tmp_path, scene):
 
     shapes, _ = load_shapes(path)
 
-    np.testing.assert_array_equal(shapes.frames, frames - frames[0])
+    assert_array_equal(shapes.frames, frames - frames[0])

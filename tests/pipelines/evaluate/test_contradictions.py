@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.geometry.rotations import rotation_about
 from tests.columns import in_rows, put
@@ -99,4 +100,4 @@ def test_rotations_that_are_wrong_with_their_shapes_are_measured(results, truth)
         shapes=in_rows(QUARTER_TURNS @ results.as_columns()),
     )
     found = measured(wrong, truth)
-    np.testing.assert_allclose(found.errors["rotation", "deg"], 90)
+    assert_allclose(found.errors["rotation", "deg"], 90)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics
@@ -31,7 +32,7 @@ def test_items_and_landmarks_are_matched_by_name(results, truth, tailed_truth):
     expected = metrics.similarity(
         results.as_columns()[:, :, SHARED], truth.as_columns()[:, :, SHARED]
     )
-    np.testing.assert_allclose(found.errors["similarity", "m"], expected)
+    assert_allclose(found.errors["similarity", "m"], expected)
     assert found.warnings == (
         f"{FILE}: landmarks in the results alone are left out: foot",
         f"{FILE}: landmarks in the truth alone are left out: tail",
@@ -41,7 +42,7 @@ def test_items_and_landmarks_are_matched_by_name(results, truth, tailed_truth):
 def test_the_reprojection_error_keeps_all_landmarks(results, errors, tailed_truth):
     """It needs no truth."""
     found = measured(results, tailed_truth).errors["reprojection", "px"]
-    np.testing.assert_array_equal(found, errors["reprojection"])
+    assert_array_equal(found, errors["reprojection"])
 
 
 def test_another_dataset_can_name_the_truth(results, truth):
@@ -50,7 +51,7 @@ def test_another_dataset_can_name_the_truth(results, truth):
     named = put(results, {"true_model": models}).replaced(shapes=shapes)
     found = measured(named, truth.take([2, 0]), "true_model", SHAPES)
     of_known_models = found.errors["similarity", "m"][:6]
-    np.testing.assert_allclose(of_known_models, 0, atol=1e-12)
+    assert_allclose(of_known_models, 0, atol=1e-12)
     assert found.items == ITEMS
     assert found.failures == {"item6": "it has no true shape"}
 
@@ -133,7 +134,7 @@ def test_one_individual_is_measured_against_one_truth(truth, people, order, matc
     warning = "bystander left out: another individual fits the same true shapes better"
     assert set(found.sequences) == {"man"}
     assert found.failures == {}
-    np.testing.assert_allclose(found.errors["similarity", "m"], expected)
+    assert_allclose(found.errors["similarity", "m"], expected)
     assert warning in found.warnings[0]
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics
@@ -15,7 +16,7 @@ from .measured import FILE, METRICS, SHAPES, changed, measured
 def assert_same_errors(found, expected):
     assert found.errors.keys() == expected.keys()
     for kind, values in expected.items():
-        np.testing.assert_allclose(found.errors[kind], values)
+        assert_allclose(found.errors[kind], values)
 
 
 def test_every_metric_in_its_units(results, truth, errors):
@@ -44,7 +45,7 @@ def test_a_bounding_box_is_the_size_of_an_image(results, truth, errors):
     boxed = put(results, {"bounding_box": boxes})
     found = measured(boxed, truth, metrics=["reprojection"])
     expected = errors["reprojection"] / np.sqrt(5)
-    np.testing.assert_allclose(found.errors["reprojection", "box"], expected)
+    assert_allclose(found.errors["reprojection", "box"], expected)
 
 
 def test_a_truth_without_a_unit_has_no_errors_in_one(results, truth):
@@ -126,7 +127,7 @@ def test_a_partial_shape_is_measured_where_it_is_known(results, truth):
     found = measured(results.replaced(shapes=shapes), truth, metrics=SHAPES)
     known = results.as_columns()[1:2, :, 1:]
     (expected,) = metrics.similarity(known, truth.as_columns()[1:2, :, 1:])
-    np.testing.assert_allclose(found.errors["similarity", "m"][1], expected)
+    assert_allclose(found.errors["similarity", "m"][1], expected)
 
 
 NEEDED = [

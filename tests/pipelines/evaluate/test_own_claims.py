@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.evaluation.calibration import find_squares
 from shapefit.records.columns import in_columns
@@ -24,7 +25,7 @@ def test_the_expected_error_is_set_beside_the_measured_one(results, truth):
     found = measured(record, truth, metrics=["similarity", "expected"])
     errors = found.errors["expected", "m"]
     in_unit_of_truth = column * sizes(truth) / sizes(results)
-    np.testing.assert_allclose(errors[:6], in_unit_of_truth[:6])
+    assert_allclose(errors[:6], in_unit_of_truth[:6])
     assert np.isinf(errors[6])
     assert found.failures == {}
 
@@ -59,8 +60,8 @@ def test_labels_of_outliers_count_where_there_are_some(labelled, truth):
     precision = found.errors["precision", "share"]
     recall = found.errors["recall", "share"]
     inf = np.inf
-    np.testing.assert_allclose(precision, [2 / 3, np.nan, inf, inf, inf, 0, inf])
-    np.testing.assert_allclose(recall, [0.5, np.nan, 0, inf, inf, inf, inf])
+    assert_allclose(precision, [2 / 3, np.nan, inf, inf, inf, 0, inf])
+    assert_allclose(recall, [0.5, np.nan, 0, inf, inf, inf, inf])
     assert list(found.failures) == ["item1"]
 
 
@@ -87,9 +88,9 @@ def squares(with_bars, truth):
 def check_bars(bars, squares, truth):
     square, width = squares
     size = truth.as_columns().std(axis=-1).mean(axis=-1)
-    np.testing.assert_allclose(bars.square, square)
-    np.testing.assert_allclose(bars.width["m"], width)
-    np.testing.assert_allclose(bars.width["normalised"], width / size[:, None])
+    assert_allclose(bars.square, square)
+    assert_allclose(bars.width["m"], width)
+    assert_allclose(bars.width["normalised"], width / size[:, None])
 
 
 def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth, squares):

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError
@@ -71,7 +72,7 @@ def test_the_report_has_errors_and_their_means(desk, truth, failed):
     mean_of_sequence = errors[:4].mean()
     mean_of_group = (mean_of_sequence + errors[4]) / 2
     line, *_ = last.note.splitlines()
-    np.testing.assert_array_equal([*desk.errors(**SIZES).values()], errors)
+    assert_array_equal([*desk.errors(**SIZES).values()], errors)
     assert float(sequence["mean"]) == pytest.approx(mean_of_sequence)
     assert float(group["mean"]) == pytest.approx(mean_of_group)
     assert sequence["images"] == "4"
@@ -275,8 +276,8 @@ def test_errors_of_landmarks_are_those_after_the_best_similarity(desk, truth, re
     differences = onto.apply(results.as_columns()) - truth.as_columns()
     expected = np.linalg.norm(differences, axis=1)
     assert [row["landmark"] for row in rows] == [*truth.landmark_names]
-    np.testing.assert_allclose(means, expected.mean(axis=0))
-    np.testing.assert_allclose(medians, np.median(expected, axis=0))
+    assert_allclose(means, expected.mean(axis=0))
+    assert_allclose(medians, np.median(expected, axis=0))
     assert {row["images"] for row in rows} == {str(N)}
 
 

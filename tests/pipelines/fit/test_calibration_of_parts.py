@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder, find_dictionaries
@@ -105,7 +106,7 @@ def test_two_files_are_the_same_bits_as_one(halves, tmp_path):
     result = tmp_path / "one.h5"
     outcomes = fit([halves / "a.h5", halves / "b.h5"], result)
     assert count_cameras(outcomes) == 0
-    np.testing.assert_array_equal(shapes_in(result), shapes_in(halves / "result.h5"))
+    assert_array_equal(shapes_in(result), shapes_in(halves / "result.h5"))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_parts_are_the_same_bits_as_one_file(halves, tmp_path, names, keys):
     parts = tmp_path / "parts"
     outcomes = fit(inputs, ResultFolder(parts, **keys))
     assert count_cameras(outcomes) == 1  # of all parts once
-    np.testing.assert_array_equal(shapes_in(parts), shapes_in(halves / "result.h5"))
+    assert_array_equal(shapes_in(parts), shapes_in(halves / "result.h5"))
 
 
 def test_a_later_run_keeps_the_parts_that_are_there(halves, tmp_path):

@@ -4,6 +4,7 @@ lens.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import FitConfig
 from shapefit.convex.solver import Status
@@ -128,8 +129,8 @@ WEAK_PERSPECTIVE = [
 def test_the_camera(images, keys, focal, centre, text):
     camera, line = choose(images, **keys)
     assert text in line
-    np.testing.assert_allclose(camera.focal, np.broadcast_to(focal, (6, 2)))
-    np.testing.assert_array_equal(camera.centre, np.tile(centre, (6, 1)))
+    assert_allclose(camera.focal, np.broadcast_to(focal, (6, 2)))
+    assert_array_equal(camera.centre, np.tile(centre, (6, 1)))
 
 
 @pytest.mark.parametrize(("images", "keys", "text"), WEAK_PERSPECTIVE)
@@ -143,8 +144,8 @@ def test_cameras_of_single_images():
     matrices = MATRIX * np.arange(1, 7)[:, None, None]
     matrices[:, 2, 2] = 1
     camera = find_camera(images(per_item={"camera_matrix": matrices}))
-    np.testing.assert_array_equal(camera.focal, matrices[:, [0, 1], [0, 1]])
-    np.testing.assert_array_equal(camera.centre, matrices[:, :2, 2])
+    assert_array_equal(camera.focal, matrices[:, [0, 1], [0, 1]])
+    assert_array_equal(camera.centre, matrices[:, :2, 2])
 
 
 NO_CAMERAS = [
@@ -321,15 +322,15 @@ def test_a_distorted_image_fits_like_a_straight_one(straight, bent, fit_cars):
 
 def test_a_result_says_which_lens_was_removed(straight, bent, fit_cars):
     result = fit_cars(bent)
-    np.testing.assert_allclose(result.landmarks, straight.landmarks, atol=1e-8)
-    np.testing.assert_array_equal(result.column("removed_distortion"), LENS)
+    assert_allclose(result.landmarks, straight.landmarks, atol=1e-8)
+    assert_array_equal(result.column("removed_distortion"), LENS)
     assert result.column("distortion") is None
 
 
 def test_a_lens_is_removed_once(bent):
     once = undistorted(bent, None)
     twice = undistorted(once, None)
-    np.testing.assert_array_equal(twice.landmarks, once.landmarks)
+    assert_array_equal(twice.landmarks, once.landmarks)
 
 
 def test_verification_removes_the_lens_too(bent, fit_cars, verify):
@@ -353,14 +354,14 @@ def calibrated(bent, fit_cars, tmp_path):
 def test_a_calibration_gives_camera_and_lens(calibrated, straight, fit_cars):
     expected = fit_cars(straight, camera={"focal": "files"}, method="convex+refine")
     focal = np.tile([800, 820], (4, 1))
-    np.testing.assert_allclose(calibrated.shapes, expected.shapes, atol=1e-4)
-    np.testing.assert_array_equal(calibrated.column("image_size"), SIZE)
-    np.testing.assert_allclose(calibrated.column("focal"), focal)
+    assert_allclose(calibrated.shapes, expected.shapes, atol=1e-4)
+    assert_array_equal(calibrated.column("image_size"), SIZE)
+    assert_allclose(calibrated.column("focal"), focal)
 
 
 def test_a_calibration_gives_the_place_of_the_camera(calibrated):
     translation = calibrated.column("extrinsic_translation")
-    np.testing.assert_array_equal(translation, [1, 2, 3])
+    assert_array_equal(translation, [1, 2, 3])
     assert calibrated.column("extrinsic_rotation").shape == (3, 3)
 
 
@@ -381,7 +382,7 @@ def test_cameras_of_single_images_and_y_that_points_up(straight, bent):
         landmarks=bent.landmarks * flip, y_axis="up", extras=extras, file_extras={}
     )
     result = undistorted(up, None)
-    np.testing.assert_allclose(result.landmarks * flip, straight.landmarks, atol=1e-8)
+    assert_allclose(result.landmarks * flip, straight.landmarks, atol=1e-8)
     assert result.column("removed_distortion").shape == (4, 5)
 
 

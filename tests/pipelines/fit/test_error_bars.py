@@ -2,8 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError
@@ -54,8 +54,8 @@ def test_bars_too_narrow_become_true_by_a_report(
     factor = factors[method]["90%"]
     wide, inside_of_wide = evaluated(method, bar_scale=0.05, calibration=factors_file)
     assert inside == pytest.approx(0.9, abs=tolerance)
-    np.testing.assert_allclose(wide.points, narrow.points, rtol=1e-6)
-    np.testing.assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
+    assert_allclose(wide.points, narrow.points, rtol=1e-6)
+    assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
     assert inside_of_wide == pytest.approx(0.9, abs=0.01)
 
 

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
@@ -52,7 +53,7 @@ def test_landmarks_of_a_bad_image_are_stored(fit, dictionary, points, reason):
     )
     hidden = np.isnan(cells).any(axis=1, keepdims=True)
     expected = np.where(hidden, np.nan, cells)
-    np.testing.assert_array_equal(result.column("landmarks")[0], expected)
+    assert_array_equal(result.column("landmarks")[0], expected)
 
 
 SCALES = [(1e306, "coordinates too large"), (1e-318, "landmarks too close together")]
@@ -165,7 +166,7 @@ def test_empty_shapes_are_at_the_mean_of_the_landmarks(fit, dictionary, images, 
     empty = np.arange(8) != 2
     middle = result.shapes[empty, :, :2].mean(axis=1)
     expected = images.landmarks[empty].mean(axis=1)
-    np.testing.assert_allclose(middle, expected)
+    assert_allclose(middle, expected)
 
 
 @pytest.mark.parametrize("keys", METHODS_WITH_LAMBDA, ids=str)

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
@@ -51,7 +52,7 @@ def test_every_format_gives_the_same_frames(tmp_path, ending, frames):
     assert some.frames.tolist() == wanted * 2
     rows = [row + start for start in (0, COUNT) for row in wanted]
     assert some.items == tuple(whole.items[row] for row in rows)
-    np.testing.assert_array_equal(some.points, whole.points[rows])
+    assert_array_equal(some.points, whole.points[rows])
     assert left_out == 2 * COUNT - len(rows)
 
 

@@ -6,6 +6,7 @@ import csv
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import load_config
 from shapefit.io import read_results, read_shapes
@@ -86,9 +87,9 @@ def check_trc(path):
     """All frames are there, at their times; those that nobody gave are empty."""
     trc = parse_trc(path)
     filled = np.flatnonzero(~trc.empty)
-    np.testing.assert_allclose(np.diff(trc.times), 1 / RATE, atol=1e-6)
-    np.testing.assert_array_equal(filled, STEPS)
-    np.testing.assert_array_equal(read_trc((path,)).frame[filled], STEPS)
+    assert_allclose(np.diff(trc.times), 1 / RATE, atol=1e-6)
+    assert_array_equal(filled, STEPS)
+    assert_array_equal(read_trc((path,)).frame[filled], STEPS)
 
 
 def from_first(column):
@@ -101,10 +102,10 @@ def check_csv(path):
     """Frames by item, with the time where the file has it."""
     rows = [*csv.DictReader(path.open(encoding="utf-8"))]
     frames = {row["item"]: int(row["frame"]) for row in rows}
-    np.testing.assert_array_equal(from_first(frames), STEPS)
+    assert_array_equal(from_first(frames), STEPS)
     if "time" in rows[0]:
         times = {row["item"]: float(row["time"]) for row in rows}
-        np.testing.assert_allclose(from_first(times), TIMES, atol=1e-6)
+        assert_allclose(from_first(times), TIMES, atol=1e-6)
 
 
 def check_mot(path):
@@ -112,7 +113,7 @@ def check_mot(path):
     _, _, body = path.read_text(encoding="utf-8").partition("endheader\n")
     _labels, *rows = body.splitlines()
     times = [float(row.split("\t")[0]) for row in rows]
-    np.testing.assert_allclose(np.diff(times), np.diff(STEPS) / RATE, atol=1e-6)
+    assert_allclose(np.diff(times), np.diff(STEPS) / RATE, atol=1e-6)
 
 
 def lift(path, folder, **keys):
@@ -132,7 +133,7 @@ def test_frames_and_times_of_images_reach_the_files(tmp_path, make):
         keys |= {"rename": NAMED[name], "keypoints": None}
     result, result_file = lift(path, tmp_path, **keys | KEYS.get(name, {}))
     trc, mot, table = write_as(result_file, "trc", "mot", "csv")
-    np.testing.assert_array_equal(result.frames - result.frames[0], STEPS)
+    assert_array_equal(result.frames - result.frames[0], STEPS)
     assert len({*result.sequences}) == 1
     check_trc(trc)
     check_mot(mot)
@@ -147,7 +148,7 @@ def test_an_empty_file_of_labels_is_an_image_of_nobody(tmp_path, named):
     files = folder / "*.txt" if named else folder
     result, _ = lift(files, tmp_path, method="convex", **KEYS["yolo"])
     expected = np.delete(FRAMES, 2) - FRAMES[0]
-    np.testing.assert_array_equal(result.frames - result.frames[0], expected)
+    assert_array_equal(result.frames - result.frames[0], expected)
 
 
 def rows_of_markers(frames):
@@ -198,7 +199,7 @@ def test_frames_and_times_of_motion_reach_our_files(tmp_path, make):
     path = make(tmp_path / "v", GIVEN)
     whole, table = write_as(path, "h5", "csv")
     shapes = read_shapes([whole], gaps=True)
-    np.testing.assert_array_equal(shapes.frames - shapes.frames[0], STEPS)
+    assert_array_equal(shapes.frames - shapes.frames[0], STEPS)
     check_csv(table)
 
 

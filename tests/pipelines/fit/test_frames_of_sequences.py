@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io import (
     read_dictionary,
@@ -58,8 +59,8 @@ def test_stretches_on_both_sides_of_a_long_gap_are_lifted_apart(
 
 
 def assert_same_shapes(result, expected):
-    np.testing.assert_array_equal(result.shapes, expected.shapes)
-    np.testing.assert_array_equal(result.shape_sd, expected.shape_sd)
+    assert_array_equal(result.shapes, expected.shapes)
+    assert_array_equal(result.shape_sd, expected.shape_sd)
 
 
 def test_frames_without_a_gap_change_no_bit(lifted, walk):
@@ -85,7 +86,7 @@ def test_images_are_lifted_in_order_of_their_frames(lifted, walk, rng):
     expected = lifted(in_order)
     result = lifted(in_order.take(order))
     assert result.items == expected.items
-    np.testing.assert_array_equal(result.shapes, expected.shapes)
+    assert_array_equal(result.shapes, expected.shapes)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.4])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
@@ -42,10 +43,10 @@ def check_same(result, expected, rows=slice(None)):
     """
     for name in ATTRIBUTES:
         values = getattr(result, name)[rows]
-        np.testing.assert_array_equal(values, getattr(expected, name), err_msg=name)
+        assert_array_equal(values, getattr(expected, name), err_msg=name)
     for name in COLUMNS:
         values = result.column(name)[rows]
-        np.testing.assert_array_equal(values, expected.column(name), err_msg=name)
+        assert_array_equal(values, expected.column(name), err_msg=name)
 
 
 @pytest.fixture
@@ -123,7 +124,7 @@ def test_each_image_has_the_dictionary_of_the_other_models(run, models, images, 
         check_same(result, expected, rows)
         if expected.coefficients is not None:
             coefficients = result.coefficients[rows][:, retained]
-            np.testing.assert_array_equal(coefficients, expected.coefficients)
+            assert_array_equal(coefficients, expected.coefficients)
 
 
 @pytest.fixture

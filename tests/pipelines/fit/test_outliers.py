@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.io import write_dictionary
 from tests.io.files import load
@@ -59,7 +60,7 @@ def test_wrong_landmarks_are_marked(method, run, views, rng):
     assert not lost
     assert not marked[~spoilt.visible()].any()
     assert both > 0.85 * max(marked.sum(), wrong.sum())
-    np.testing.assert_array_equal(result.column("landmarks"), spoilt.landmarks)
+    assert_array_equal(result.column("landmarks"), spoilt.landmarks)
 
 
 @pytest.mark.parametrize("method", ["convex", "alternate", "mean-shape"])
@@ -69,8 +70,8 @@ def test_marked_landmarks_are_as_good_as_hidden(method, run, views, rng):
     marked = result.outliers.astype(bool)
     landmarks = np.where(marked[..., None], np.nan, spoilt.landmarks)
     without, _ = run(spoilt.replaced(landmarks=landmarks), method=method)
-    np.testing.assert_array_equal(result.points, without.points)
-    np.testing.assert_array_equal(result.scale, without.scale)
+    assert_array_equal(result.points, without.points)
+    assert_array_equal(result.scale, without.scale)
     assert without.outliers is None
 
 
@@ -80,7 +81,7 @@ def test_what_is_drawn_belongs_to_the_name_of_an_image(run, views, rng):
     rows = [6, 1]
     whole, _ = run(spoilt, **keys)
     some, _ = run(spoilt.take(rows), **keys)
-    np.testing.assert_array_equal(some.outliers, whole.outliers[rows])
+    assert_array_equal(some.outliers, whole.outliers[rows])
 
 
 REASONS = [
@@ -117,6 +118,6 @@ def test_images_that_cannot_be_searched_or_lifted(run, poor_views):
     )
     marked = result.outliers.astype(bool).sum(axis=1)
     assert [lost.get(name, "") for name in poor_views.items] == REASONS
-    np.testing.assert_array_equal(marked[:5], [0, 0, 0, 5, 0])
+    assert_array_equal(marked[:5], [0, 0, 0, 5, 0])
     assert np.isfinite(result.shapes[0]).all()
     assert np.isnan(result.shapes[1:5]).all()

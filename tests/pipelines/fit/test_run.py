@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.model import Dictionary
@@ -45,7 +46,7 @@ def test_an_exact_image_gives_its_shape_rotation_and_place(
     result, outcomes = fit(dictionary, images, **{"lambda": 1e-4})
     errors_of_rotation = rotation_angle(result.rotation, rotations)
     assert failures(outcomes) == {}
-    np.testing.assert_allclose(result.shapes, truth, atol=0.02)
+    assert_allclose(result.shapes, truth, atol=0.02)
     assert errors_of_rotation.max() < 0.1
     assert list(result.status) == ["optimal"] * 8
     assert (result.relative_gap <= 1e-4).all()
@@ -67,8 +68,8 @@ def test_hidden_landmarks_are_filled_in_without_bias(fit, dictionary, images, tr
     images.landmarks[rows, rows - 1] = np.nan
     result, _ = fit(dictionary, images, **{"lambda": 1e-5})
     depths = result.shapes[..., 2]
-    np.testing.assert_allclose(result.shapes[..., :2], visible, atol=0.02)
-    np.testing.assert_allclose(depths, truth[..., 2], atol=0.1)
+    assert_allclose(result.shapes[..., :2], visible, atol=0.02)
+    assert_allclose(depths, truth[..., 2], atol=0.1)
 
 
 def test_a_landmark_counts_by_its_confidence(fit, dictionary, images):
@@ -188,13 +189,13 @@ def test_a_refined_view_says_the_gap_of_its_convex_program(
 def test_further_datasets_are_carried(fit, dictionary, images):
     subjects = np.full(8, -7.0)
     result, _ = fit(dictionary, images.with_extras({"subject": subjects}))
-    np.testing.assert_array_equal(result.column("subject"), subjects)
+    assert_array_equal(result.column("subject"), subjects)
 
 
 def test_what_landmarks_came_with_is_carried(fit, dictionary, images):
     result, _ = fit(dictionary, images)
     for name in ("true_rotation", "camera_matrix"):
-        np.testing.assert_array_equal(result.column(name), images.column(name))
+        assert_array_equal(result.column(name), images.column(name))
     assert result.sequences == images.sequences
 
 
@@ -202,10 +203,10 @@ def test_carried_datasets_are_not_taken_for_those_of_the_fit(fit, dictionary, im
     mine = {name: np.full(8, -7.0) for name in ("status", "lambda", "outliers")}
     result, _ = fit(dictionary, images.with_extras(mine))
     assert list(result.status) == ["optimal"] * 8
-    np.testing.assert_array_equal(result.column("lambda"), 0.1)
+    assert_array_equal(result.column("lambda"), 0.1)
     assert result.outliers is None
     for name in mine:
-        np.testing.assert_array_equal(result.column(f"input_{name}"), -7.0)
+        assert_array_equal(result.column(f"input_{name}"), -7.0)
 
 
 def test_a_result_says_its_config_and_inputs(fit, dictionary, images):

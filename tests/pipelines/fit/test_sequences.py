@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import shapefit
 from shapefit.config.paths import find_dictionaries
@@ -68,7 +69,7 @@ def test_a_thread_that_is_left_changes_nothing(people, lift_sequences, count):
 
     assert np.isfinite(one.sequence_noise).any()
     for column in ("shapes", "shape_sd", "shape_correlation", "sequence_noise"):
-        np.testing.assert_array_equal(two.column(column), one.column(column))
+        assert_array_equal(two.column(column), one.column(column))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_noise_is_stated_and_that_of_the_images_otherwise(
     result, _ = lift_sequences(large, noise=noise)
     unit = np.median(result.scale)
     expected = {None: 0.1 * unit, 0.0: 0.003 * unit}.get(noise, noise)
-    np.testing.assert_allclose(result.sequence_noise, expected, rtol=1e-9)
+    assert_allclose(result.sequence_noise, expected, rtol=1e-9)
 
 
 SINGLE_PRIOR = {"residual_variance": 0.01, "bar_scale": 1.5}
@@ -96,8 +97,8 @@ def test_sequences_of_one_image_are_single_images(people, lift_sequences):
     alone = images.replaced(sequences=tuple(map(str, range(20))))
     single, _ = lift_sequences(alone, method="posterior", prior=SINGLE_PRIOR)
     whole, _ = lift_sequences(alone, prior=SINGLE_PRIOR)
-    np.testing.assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)
-    np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
+    assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)
+    assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
     assert np.isnan(whole.sequence_noise).all()
 
 
@@ -190,10 +191,10 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
     of_limbs = precision[np.ix_(limbs, limbs)]
     usual = np.where(limbs, dictionary.edge_length, np.nan)
     assert 2 < limbs.sum() < len(limbs)
-    np.testing.assert_allclose(precision.sum(axis=1), 0, atol=1e-12)
-    np.testing.assert_array_equal(precision[~limbs], 0)
+    assert_allclose(precision.sum(axis=1), 0, atol=1e-12)
+    assert_array_equal(precision[~limbs], 0)
     assert np.linalg.eigvalsh(of_limbs)[1] > 1e-3
-    np.testing.assert_array_equal(lengths.usual, usual)
+    assert_array_equal(lengths.usual, usual)
 
 
 def test_without_a_covariance_no_lengths_are_usual(people):
@@ -241,9 +242,9 @@ def restore_exchanged(images, wrong):
 def test_exchanged_frames_are_put_back_with_their_scores(two_sided):
     wrong = np.isin(np.arange(FRAME_COUNT), range(20, 28))
     images, exchanged = restore_exchanged(two_sided, wrong)
-    np.testing.assert_array_equal(exchanged, wrong)
-    np.testing.assert_array_equal(images.landmarks, two_sided.landmarks)
-    np.testing.assert_array_equal(images.confidence, two_sided.confidence)
+    assert_array_equal(exchanged, wrong)
+    assert_array_equal(images.landmarks, two_sided.landmarks)
+    assert_array_equal(images.confidence, two_sided.confidence)
 
 
 def test_of_two_halves_none_is_known_to_be_exchanged(two_sided):
@@ -316,4 +317,4 @@ def test_a_clip_without_hips_is_its_single_images(people, lift_sequences):
     single, _ = lift_sequences(images, method="posterior", prior=SINGLE_PRIOR)
     whole, _ = lift_sequences(images, prior=SINGLE_PRIOR)
     assert np.isnan(whole.sequence_noise).all()
-    np.testing.assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)
+    assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.lifting.sequences import clips
@@ -53,7 +54,7 @@ def test_no_run_is_divided_and_nothing_lost(names, size):
     parts = list(whole_sequences(batches))
     landmarks = np.concatenate([part.landmarks for part in parts])
     assert items_of(parts) == whole.items
-    np.testing.assert_array_equal(landmarks, whole.landmarks)
+    assert_array_equal(landmarks, whole.landmarks)
     for before, after in pairwise(parts):
         assert before.sequences[-1] != after.sequences[0]
     for part in parts:

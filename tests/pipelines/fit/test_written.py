@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
@@ -100,7 +101,7 @@ def test_a_fit_is_written_in_metres_at_once(tmp_path, fit_films, measured):
     assert written == ["now_a.trc", "now_b.trc"]
     assert "in m by the size of the training shapes, y up as in the image" in note
     for name in written:
-        np.testing.assert_allclose(total_length(points(tmp_path / name)), 0.6)
+        assert_allclose(total_length(points(tmp_path / name)), 0.6)
 
 
 def test_a_result_is_written_in_metres_later(
@@ -113,7 +114,7 @@ def test_a_result_is_written_in_metres_later(
     for name in "ab":
         now = points(tmp_path / f"now_{name}.trc")
         later = points(tmp_path / f"later_{name}.trc")
-        np.testing.assert_array_equal(now, later)
+        assert_array_equal(now, later)
 
 
 def test_without_a_size_height_is_asked_for(tmp_path, fit_films, dictionary):
@@ -131,7 +132,7 @@ def test_a_height_is_that_of_the_shapes(tmp_path, fit_films, dictionary):
 def test_a_height_is_stored(tmp_path, fit_films, dictionary):
     fit_films(dictionary, "result.h5", "height=0.5")
     stated = read_results(tmp_path / "result.h5").column("stated_height")
-    np.testing.assert_array_equal(stated, np.full(8, 0.5))
+    assert_array_equal(stated, np.full(8, 0.5))
 
 
 def test_a_stored_height_is_used_later_unless_another_is_given(
@@ -145,8 +146,8 @@ def test_a_stored_height_is_used_later_unless_another_is_given(
         now = heights(tmp_path / f"now_{name}.trc")
         later = heights(tmp_path / f"later_{name}.trc")
         taller = heights(tmp_path / f"taller_{name}.trc")
-        np.testing.assert_array_equal(now, later)
-        np.testing.assert_allclose(taller, 1.5 * now)
+        assert_array_equal(now, later)
+        assert_allclose(taller, 1.5 * now)
 
 
 def test_the_page_has_the_height_of_the_files(tmp_path, fit_films, dictionary):
@@ -157,7 +158,7 @@ def test_the_page_has_the_height_of_the_files(tmp_path, fit_films, dictionary):
     y = content.values["shapes"][:, 1]
     on_the_page = content.values["metres_per_unit"] * np.ptp(y, axis=1)
     in_files = [heights(tmp_path / f"now_{name}.trc") for name in "ab"]
-    np.testing.assert_allclose(on_the_page, np.concatenate(in_files), rtol=1e-9)
+    assert_allclose(on_the_page, np.concatenate(in_files), rtol=1e-9)
 
 
 def heights(path):
@@ -184,7 +185,7 @@ def test_heights_of_results_that_are_written_together_are_their_own(
     for name in "ab":
         together = heights(tmp_path / f"both_{name}.trc")
         alone = heights(tmp_path / f"of_{name}.trc")
-        np.testing.assert_array_equal(together, alone)
+        assert_array_equal(together, alone)
 
 
 COUNTS = (

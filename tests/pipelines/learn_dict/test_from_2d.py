@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config import InfoConfig, LearnDictConfig
 from shapefit.dictionary.model import Dictionary, describe_learning
@@ -177,7 +178,7 @@ def test_error_bars_cover_near_and_far(learned):
     variance = result.shape_sd[..., 2] ** 2
     variance_of_one = learned(False).result.shape_sd[..., 2] ** 2
     added = variance - variance_of_one
-    np.testing.assert_allclose(added, 2 * z**2, rtol=1e-3, atol=1e-3)
+    assert_allclose(added, 2 * z**2, rtol=1e-3, atol=1e-3)
     assert not result.shape_correlation[..., 1:].any()
 
 
@@ -307,7 +308,7 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
         prior = {"components": 1, "bone_scale": bone_scale}
         learn(class_of_shapes[:, :2], {"edges": edges}, prior=prior)
         dictionary = read_dictionary(tmp_path / "dict.h5")
-        np.testing.assert_array_equal(dictionary.edges, edges)
+        assert_array_equal(dictionary.edges, edges)
         variances.append(dictionary.prior.covariances[0].trace())
     still, varied = variances
     assert varied > 1.2 * still

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
@@ -36,7 +37,7 @@ def aligned(shapes):
 
 
 def assert_mean_is(dictionary, mean):
-    np.testing.assert_array_equal(dictionary.mean_shape, normalise(mean).points)
+    assert_array_equal(dictionary.mean_shape, normalise(mean).points)
 
 
 # Sparse coding
@@ -46,8 +47,8 @@ def test_atoms_are_learned_from_normalised_aligned_shapes(make, shapes):
     dictionary, _ = make(shapes, k=6, iterations=4)
     alignment = aligned(shapes)
     *_, expected = learn_atoms(alignment.shapes, 6, 0.1, iterations=4)
-    np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
-    np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
+    assert_array_equal(dictionary.atoms, expected.atoms)
+    assert_array_equal(dictionary.objective_trace, expected.trace)
     assert_mean_is(dictionary, alignment.mean)
 
 
@@ -56,7 +57,7 @@ def test_a_dictionary_knows_the_mean_lengths_of_edges(make, shapes):
     i, j = EDGES.T
     edges = shapes.shapes[:, i] - shapes.shapes[:, j]
     lengths = np.linalg.norm(edges, axis=2)
-    np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
+    assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
 
 
 def test_the_provenance_says_where_it_comes_from(make, shapes, tmp_path):
@@ -93,7 +94,7 @@ def test_sizes_are_in_the_unit_of_the_shapes(make, models):
     sizes = dictionary.atom_scale * std(dictionary.atoms)
     assert dictionary.unit == "m"
     assert dictionary.atom_items is None
-    np.testing.assert_allclose(sizes, expected, rtol=1e-12)
+    assert_allclose(sizes, expected, rtol=1e-12)
 
 
 # Exemplars
@@ -102,8 +103,8 @@ def test_sizes_are_in_the_unit_of_the_shapes(make, models):
 def test_every_normalised_model_is_an_atom(make, models):
     dictionary, outcomes = make(models, align="none", **EXEMPLARS)
     normalised = normalise(models.as_columns())
-    np.testing.assert_array_equal(dictionary.atoms, normalised.points)
-    np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
+    assert_array_equal(dictionary.atoms, normalised.points)
+    assert_array_equal(dictionary.atom_scale, normalised.scale)
     assert_mean_is(dictionary, normalised.points.mean(axis=0))
     assert warnings(outcomes) == []
 
@@ -111,8 +112,8 @@ def test_every_normalised_model_is_an_atom(make, models):
 def test_exemplars_keep_names_edges_and_faces(make, models):
     dictionary, _ = make(models, align="none", **EXEMPLARS)
     assert dictionary.atom_items == models.items
-    np.testing.assert_array_equal(dictionary.edges, models.edges)
-    np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
+    assert_array_equal(dictionary.edges, models.edges)
+    assert_array_equal(dictionary.mesh_faces, FACES)
     assert dictionary.provenance["method"] == "exemplars"
 
 
@@ -123,8 +124,8 @@ def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
     vertices = in_columns(models.mesh_vertices - middle)
     in_metres = dictionary.atom_scale[:, None, None] * dictionary.mesh_vertices
     expected = alignment.rotations @ vertices
-    np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
-    np.testing.assert_allclose(in_metres, expected, atol=1e-12)
+    assert_array_equal(dictionary.atoms, alignment.shapes)
+    assert_allclose(in_metres, expected, atol=1e-12)
 
 
 # Bases: components of each sequence one after another, and the mean pose
@@ -135,7 +136,7 @@ def test_bases_are_those_of_each_aligned_sequence(make, shapes):
     alignment = aligned(shapes)
     walk = principal_components(alignment.shapes[:10])
     run = principal_components(alignment.shapes[10:])
-    np.testing.assert_array_equal(dictionary.atoms, np.concatenate([walk, run]))
+    assert_array_equal(dictionary.atoms, np.concatenate([walk, run]))
     assert_mean_is(dictionary, alignment.mean)
     assert dictionary.objective_trace.size == 0
 
@@ -177,7 +178,7 @@ def test_shapes_stay_unturned_where_bones_vary(make, models):
         dictionary, _ = make(tree, align="none", prior=prior, **EXEMPLARS)
         means.append(dictionary.prior.means)
     without, with_bones = means
-    np.testing.assert_allclose(without, with_bones, atol=1e-6)
+    assert_allclose(without, with_bones, atol=1e-6)
 
 
 @pytest.mark.parametrize(("count", "components"), [(20, 1), (300, 2)])
@@ -213,13 +214,13 @@ def test_the_rest_is_not_learned_from(make, shapes):
     retained = [0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28]
     thinned, _ = make(shapes, every=3, **FEW)
     expected, _ = make(shapes.take(retained), **FEW)
-    np.testing.assert_array_equal(thinned.atoms, expected.atoms)
+    assert_array_equal(thinned.atoms, expected.atoms)
 
 
 def test_bones_bend_as_in_all_shapes(make, shapes):
     thinned, _ = make(shapes, every=3, **FEW)
     whole, _ = make(shapes, **FEW)
-    np.testing.assert_array_equal(thinned.bone_tolerance, whole.bone_tolerance)
+    assert_array_equal(thinned.bone_tolerance, whole.bone_tolerance)
 
 
 # The number of shapes
@@ -248,7 +249,7 @@ def test_shapes_of_one_point_are_left_out(make, shapes, with_a_point):
     expected, _ = make(shapes.take(np.arange(30) != 4), **FEW)
     reason = "all its landmarks are at one point, or not finite"
     assert failures(outcomes) == {"item4": reason}
-    np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+    assert_array_equal(dictionary.atoms, expected.atoms)
 
 
 def test_shapes_of_one_point_are_not_counted(make, with_a_point):
@@ -279,4 +280,4 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert (np.diff(dictionary.objective_trace) < 0).all()
     assert len(dictionary.objective_trace) == 31
     assert "reconstruction error 2." in outcomes[-2].rows[0][1]
-    np.testing.assert_allclose(turn, np.eye(3), atol=1e-6)
+    assert_allclose(turn, np.eye(3), atol=1e-6)

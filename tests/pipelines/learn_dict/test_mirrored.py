@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
@@ -42,23 +43,23 @@ def test_atoms_are_the_shapes_and_their_mirror_images(make, faces):
     dictionary, outcomes = make(faces, mirror=True, **PLAIN)
     shapes = normalise(faces.as_columns()).points
     scales = dictionary.atom_scale
-    np.testing.assert_array_equal(dictionary.atoms[:6], shapes)
-    np.testing.assert_allclose(dictionary.atoms[6:], mirrored(shapes), atol=1e-14)
-    np.testing.assert_allclose(scales[6:], scales[:6])
+    assert_array_equal(dictionary.atoms[:6], shapes)
+    assert_allclose(dictionary.atoms[6:], mirrored(shapes), atol=1e-14)
+    assert_allclose(scales[6:], scales[:6])
     assert outcomes[0].note == "12 shapes"
 
 
 def test_the_mean_is_its_own_mirror_image(make, faces):
     dictionary, _ = make(faces, mirror=True, **PLAIN)
     mean = dictionary.mean_shape
-    np.testing.assert_allclose(mirrored(mean), mean, atol=1e-14)
+    assert_allclose(mirrored(mean), mean, atol=1e-14)
 
 
 def test_a_shape_is_left_out_with_its_mirror_image(make, faces):
     dictionary, _ = make(faces, mirror=True, **PLAIN)
     expected, _ = make(faces.take([0, 1, 3, 4, 5]), mirror=True, **PLAIN)
     left = dictionary.without("face2")
-    np.testing.assert_allclose(left.atoms, expected.atoms, atol=1e-14)
+    assert_allclose(left.atoms, expected.atoms, atol=1e-14)
     assert left.atom_items == expected.atom_items
 
 
@@ -97,8 +98,8 @@ def test_pairs_of_the_config_are_those_of_the_file(make, faces):
     pairs = {"left eye": "right eye", "left ear": "right ear"}
     expected, _ = make(faces, mirror=True, **PLAIN)
     named, _ = make(faces.replaced(mirror_index=None), mirror=pairs, **PLAIN)
-    np.testing.assert_array_equal(named.atoms, expected.atoms)
-    np.testing.assert_array_equal(named.mirror_index, PARTNERS)
+    assert_array_equal(named.atoms, expected.atoms)
+    assert_array_equal(named.mirror_index, PARTNERS)
 
 
 def test_a_landmark_of_two_pairs_is_refused(make, faces):

@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.testing import assert_array_equal
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
@@ -74,4 +75,4 @@ def same_bits(
     assert set(among) <= set(rows)
     for name, values in rows.items():
         joined = read_joined(parts, name)
-        np.testing.assert_array_equal(joined, values, err_msg=name)
+        assert_array_equal(joined, values, err_msg=name)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.pipelines.view import film
@@ -32,7 +33,7 @@ def read(path):
 def test_the_times_of_frames_are_those_of_the_film(name, suffix, starts):
     table = read(FILMS / f"{name}{suffix}")
     assert table.fault == ""
-    np.testing.assert_allclose(table.starts, starts, atol=1.01e-3)
+    assert_allclose(table.starts, starts, atol=1.01e-3)
     assert starts[-1] < table.end < starts[-1] + 0.1
 
 
@@ -89,7 +90,7 @@ TIMES = [
 @pytest.mark.parametrize(("keys", "starts", "end"), TIMES)
 def test_offsets_and_edits_move_the_times(keys, starts, end):
     table = read_mp4(made_film(**keys))
-    np.testing.assert_allclose(table.starts, starts, atol=1e-12)
+    assert_allclose(table.starts, starts, atol=1e-12)
     assert table.end == pytest.approx(end)
 
 
@@ -146,7 +147,7 @@ def test_the_film_is_in_the_page(walk):
     assert notes_on_film(made) == []
     assert shown["kind"] == "video/mp4"
     assert b64decode(shown["data"]) == path.read_bytes()
-    np.testing.assert_array_equal(places, NUMBERS)
+    assert_array_equal(places, NUMBERS)
     assert len(starts) == COUNT + 1
 
 
@@ -154,7 +155,7 @@ def test_frames_that_the_files_state_are_those_of_the_film(walk):
     frames = np.arange(30) + 4
     made = walk(FILMS / "constant.mp4", n=30, frames=frames)
     places = numbers_in(made.data["film"]["places"])
-    np.testing.assert_array_equal(places, frames)
+    assert_array_equal(places, frames)
     note = "constant.mp4 has 36 frames, the landmarks end at frame 34."
     assert notes_on_film(made) == [note]
 

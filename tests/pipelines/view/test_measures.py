@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.evaluation import metrics
 from shapefit.io import (
@@ -84,7 +85,7 @@ def test_measures_of_each_image_have_their_unit(page, judged, errors):
     for name, (unit, values) in expected.items():
         shown = decoded(measures[name]["values"])
         assert measures[name]["unit"] == unit
-        np.testing.assert_allclose(shown, values, rtol=0.004)
+        assert_allclose(shown, values, rtol=0.004)
 
 
 def test_what_is_not_optimal_is_named(page):
@@ -94,7 +95,7 @@ def test_what_is_not_optimal_is_named(page):
 
 
 def test_outliers_are_marked(page):
-    np.testing.assert_array_equal(decoded(page["outliers"]), OUTLIERS)
+    assert_array_equal(decoded(page["outliers"]), OUTLIERS)
 
 
 def test_the_header_tells_trust_and_errors(page, errors):
@@ -134,7 +135,7 @@ def test_pixels_stay_pixels():
     pixels = {"name": "p", "values": np.ones(3), "unit": "px"}
     change_metres_to_cm_or_mm([{"measures": [length, pixels]}])
     assert pixels["unit"] == "px"
-    np.testing.assert_array_equal(pixels["values"], 1)
+    assert_array_equal(pixels["values"], 1)
 
 
 @pytest.fixture
@@ -149,7 +150,7 @@ def test_errors_are_in_metres(desk, sized):
     error, expected, *_ = page["layers"][0]["measures"]
     assert error["unit"] == "cm"
     assert expected["unit"] == "cm"
-    np.testing.assert_allclose(expected["values"], 200)
+    assert_allclose(expected["values"], 200)
 
 
 def test_errors_are_else_in_the_unit_of_the_truth(desk, sized):
@@ -177,7 +178,7 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     expected = in_columns(seen)[:, :, rows]
     expected[:, :, detected.index("Nose")] = np.nan
     assert page["landmarks"] == detected
-    np.testing.assert_allclose(page["observed"], expected)
+    assert_allclose(page["observed"], expected)
 
 
 def test_joint_angles_have_bands_from_the_error_bars(desk):
@@ -189,5 +190,5 @@ def test_joint_angles_have_bands_from_the_error_bars(desk):
     knee = measures_of(desk.view(result).data)["knee angle r"]
     expected_sd = np.degrees(0.01 * 2)
     assert knee["unit"] == "°"
-    np.testing.assert_allclose(decoded(knee["values"]), 90, atol=1e-4)
-    np.testing.assert_allclose(decoded(knee["sd"]), expected_sd, rtol=0.01)
+    assert_allclose(decoded(knee["values"]), 90, atol=1e-4)
+    assert_allclose(decoded(knee["sd"]), expected_sd, rtol=0.01)

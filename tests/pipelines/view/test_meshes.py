@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.io import (
     write_dictionary,
@@ -29,7 +30,7 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, dictionary_file, 
         mixed = np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
         expected = s[i] * R[i] @ mixed
         expected[:2] += T[i][:, None]
-        np.testing.assert_allclose(fitted_image(scene, i).mesh, expected)
+        assert_allclose(fitted_image(scene, i).mesh, expected)
     assert fitted_image(scene, 2).mesh is None
 
 

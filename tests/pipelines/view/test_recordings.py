@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.io import read_shapes
 from shapefit.pipelines.view.reading import Frames
@@ -126,7 +127,7 @@ def test_files_of_one_recording_are_individuals_of_one_layer(two_men):
     expected = np.concatenate([read_shapes([path]).as_columns() for path in files])
     assert page["recordings"] == [[0, 1]]
     assert layer["name"] == "man_anna, man_emil"
-    np.testing.assert_allclose(layer["points"], expected)
+    assert_allclose(layer["points"], expected)
 
 
 def test_individuals_of_one_layer_have_joint_angles(two_men):

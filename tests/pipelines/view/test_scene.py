@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
@@ -138,7 +139,7 @@ def test_landmarks_of_several_results_are_matched_by_name(desk):
     first, second = (layer["points"] for layer in page["layers"])
     shared = sorted(columns)
     assert page["landmarks"] == tuple("abcde")
-    np.testing.assert_array_equal(second[:, :, shared], first[:, :, shared])
+    assert_array_equal(second[:, :, shared], first[:, :, shared])
     assert np.isnan(second[:, :, [1, 2]]).all()
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.io import (
     read_results,
@@ -36,7 +37,7 @@ def test_frames_are_thinned_by_sequence_and_the_page_says_so(desk, film):
     assert len(scene["sequences"]) == 21
     third_point = scene["layers"][0]["points"][2]
     expected = read_results(film).as_columns()[2 * step]
-    np.testing.assert_allclose(third_point, expected)
+    assert_allclose(third_point, expected)
 
 
 def test_few_frames_that_were_chosen_are_all_shown(desk, film):

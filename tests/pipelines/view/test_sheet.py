@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from numpy.testing import assert_allclose
 from PIL import Image
 
 from shapefit.config import CONFIGS, ViewConfig
@@ -82,10 +83,10 @@ def test_the_mesh_lies_under_the_landmarks(world, keys):
         image = fitted_image(scene, row)
         of_landmarks = image.mesh[:, vertices]
         projected = image.projected_mesh[:, vertices]
-        np.testing.assert_allclose(image.projected, in_images[row].T, atol=1e-6)
-        np.testing.assert_allclose(image.landmarks, observed[row].T)
-        np.testing.assert_allclose(projected, image.projected, atol=1e-3)
-        np.testing.assert_allclose(of_landmarks, image.shape, atol=1e-5)
+        assert_allclose(image.projected, in_images[row].T, atol=1e-6)
+        assert_allclose(image.landmarks, observed[row].T)
+        assert_allclose(projected, image.projected, atol=1e-3)
+        assert_allclose(of_landmarks, image.shape, atol=1e-5)
 
 
 def test_a_sheet_of_shapes_is_refused(tmp_path, world):
@@ -178,7 +179,7 @@ def test_cars_stand_upright(world, cars):
     image = fitted_image(scene, 7)
     upright = about_the_mean(image.upright @ image.mesh)
     scale = np.linalg.norm(upright) / np.linalg.norm(mixed)
-    np.testing.assert_allclose(upright, scale * mixed, atol=1e-6 * scale)
+    assert_allclose(upright, scale * mixed, atol=1e-6 * scale)
     assert image.individual == ("", 0)
 
 

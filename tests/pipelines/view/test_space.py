@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about_axis
@@ -58,8 +59,8 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(two_layers):
     deep, _ = page["layers"]
     assert page["unit"] == "px"
     assert page["space_unit"] == "m"
-    np.testing.assert_allclose(deep["points"], in_metres)
-    np.testing.assert_allclose(deep["sd"], 0.2)
+    assert_allclose(deep["points"], in_metres)
+    assert_allclose(deep["sd"], 0.2)
 
 
 def test_the_camera_of_a_page_sees_shapes_where_they_were_seen(two_layers):
@@ -71,7 +72,7 @@ def test_the_camera_of_a_page_sees_shapes_where_they_were_seen(two_layers):
     depth = np.abs(deep["points"][:, 2:])
     projected = focal * deep["points"][:, :2] / depth + centre
     assert deep["perspective"]
-    np.testing.assert_allclose(projected, seen)
+    assert_allclose(projected, seen)
     assert page["image"] == [1280, 720]
 
 
@@ -79,8 +80,8 @@ def test_shapes_without_a_camera_are_put_where_they_are_seen(two_layers):
     page, shapes, in_metres = two_layers
     _, beside = page["layers"]
     assert not beside["perspective"]
-    np.testing.assert_allclose(beside["points"], in_metres)
-    np.testing.assert_allclose(beside["fitted"], shapes[:, :2])
+    assert_allclose(beside["points"], in_metres)
+    assert_allclose(beside["fitted"], shapes[:, :2])
 
 
 def test_without_a_camera_all_frames_have_one_scale(desk):
@@ -90,9 +91,9 @@ def test_without_a_camera_all_frames_have_one_scale(desk):
     page = desk.scene(result)
     (layer,) = page["layers"]
     expected_camera = np.tile([50.0, 50, 0, 0], (4, 1))
-    np.testing.assert_allclose(layer["points"], 0.02 * shapes)
-    np.testing.assert_allclose(layer["camera"], expected_camera)
-    np.testing.assert_allclose(layer["fitted"], shapes[:, :2])
+    assert_allclose(layer["points"], 0.02 * shapes)
+    assert_allclose(layer["camera"], expected_camera)
+    assert_allclose(layer["fitted"], shapes[:, :2])
     assert page["space_unit"] == "m"
     assert not layer["perspective"]
 
@@ -122,9 +123,9 @@ def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis, expected)
         page = desk.scene(desk.result(extras=extras, **fields))
         measures = {each["name"]: each for each in page["layers"][0]["measures"]}
         tilts.append(measures["trunk tilt"]["values"])
-        np.testing.assert_array_equal(upright(page["grounds"][0]), expected)
+        assert_array_equal(upright(page["grounds"][0]), expected)
     with_extrinsics, without = tilts
-    np.testing.assert_array_equal(with_extrinsics, without)
+    assert_array_equal(with_extrinsics, without)
 
 
 TILT = np.radians(30)
@@ -170,8 +171,8 @@ def test_people_stand_on_the_floor_that_was_found(desk, two_videos, find_floors)
     page = desk.scene(two_videos)
     ground, _ = page["grounds"]
     turn = upright(ground)
-    np.testing.assert_allclose(turn @ HALF_TURN @ UP, [0, 1, 0], atol=1e-12)
-    np.testing.assert_allclose(turn @ [1, 0, 0], [1, 0, 0], atol=1e-12)
+    assert_allclose(turn @ HALF_TURN @ UP, [0, 1, 0], atol=1e-12)
+    assert_allclose(turn @ [1, 0, 0], [1, 0, 0], atol=1e-12)
     assert ground["floor"] == -2
     assert page["assumed"][-1] == f"Floor from resting feet: {FLOOR}."
 
@@ -180,7 +181,7 @@ def test_a_video_beside_it_may_have_no_floor(desk, two_videos, find_floors):
     find_floors({"v": FLOOR})
     _, ground = desk.scene(two_videos)["grounds"]
     assert "floor" not in ground
-    np.testing.assert_array_equal(upright(ground), HALF_TURN)
+    assert_array_equal(upright(ground), HALF_TURN)
 
 
 def test_a_floor_that_is_not_known_is_said(desk, two_videos, find_floors):
