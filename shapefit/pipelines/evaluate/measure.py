@@ -491,8 +491,8 @@ def _find_units(
         estimate = estimate * np.reshape(metres, (-1, 1, 1))
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
-    is_common: Flags = np.isfinite(estimate + true).all(axis=1)
-    has_common: Flags = is_common.any(axis=1)
+    is_common: Flags = np.asarray(np.isfinite(estimate + true).all(axis=1))
+    has_common = np.asarray(is_common.any(axis=1))
     if not has_common.any():
         return []
 
