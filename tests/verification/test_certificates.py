@@ -89,6 +89,10 @@ class TestClaims:
         far.near("d", np.zeros((4, 2)), np.full(4, NAN), where=last)
         assert far.missed[3]
 
+    def test_of_no_values_none_misses(self, claims):
+        claims.near("c", np.zeros((4, 0)), 1.0)
+        assert not claims.missed.any()
+
     def test_of_no_images_none_misses(self):
         claims = Claims(np.zeros(0, dtype=bool))
         claims.near("c", np.zeros((0, 3)), 1.0)
