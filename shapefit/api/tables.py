@@ -9,12 +9,16 @@ import numpy as np
 
 from shapefit.api.messages import warn
 from shapefit.arrays import Floats
+from shapefit.errors import input_error
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions, warnings_of
 from shapefit.io.writers.tables import metres_columns
 from shapefit.records import Fit
 from shapefit.records.columns import Array, Singles, held_columns
 from shapefit.timeline import JITTER
+
+MAX_HEIGHT = 3.0
+"""Of a body, in metres; more is another unit."""
 
 if TYPE_CHECKING:
     import pandas
@@ -27,6 +31,10 @@ def to_metres(
     fit: Fit, *, height: float | None, unit: str | None, up: Up | None
 ) -> np.recarray[tuple[int], np.dtype[np.void]]:
     """Return the joints of a fit in metres, a row for each joint of each image."""
+    if height is not None and not _is_height(height):
+        fault = f"{height!r} is not the height of a body in metres"
+        fix = f"give a number above 0, up to {MAX_HEIGHT:g}"
+        raise input_error("Fit.to_metres.height", fault, fix)
     options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit.named(), options, "Fit.to_metres")
     warn(warnings_of(motions))
@@ -40,6 +48,12 @@ def to_metres(
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     kinds = [(name, array.dtype) for name, array in arrays.items()]
     return np.rec.fromarrays([*arrays.values()], dtype=kinds)
+
+
+def _is_height(height: float) -> bool:
+    """Whether this is a height that `convert` takes, in metres."""
+    is_number = isinstance(height, int | float | np.integer | np.floating)
+    return is_number and 0 < height <= MAX_HEIGHT
 
 
 def to_pandas(fit: Fit) -> pandas.DataFrame:

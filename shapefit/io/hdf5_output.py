@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.contents import (
     DigestLine,
@@ -51,6 +52,10 @@ SPARE = 1 << 21
 
 METADATA_SHARE = 50
 """Of one byte of metadata for so many of values, when space is reserved."""
+
+
+NAMES = ("item", "sequence", "landmark_names")
+"""Datasets by whose texts images and landmarks are told apart."""
 
 
 @contextmanager
@@ -132,7 +137,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             )
         for name, values in rows.items():
             if values.dtype.kind in "OU":
-                self._texts.setdefault(name, []).append(_encoded(values))
+                self._texts.setdefault(name, []).append(_encoded(name, values))
             else:
                 self._hold_rows(name, values)
         if isinstance(record, Items):
@@ -203,7 +208,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
 
     def _write_whole(self, name: str, values: Array) -> None:
         """Write a dataset that belongs to the file."""
-        stored = _encoded(values) if values.dtype.kind in "OU" else values
+        stored = _encoded(name, values) if values.dtype.kind in "OU" else values
         self._reserve_for(2 * stored.nbytes)
         self._digest(name, stored)
         # HDF5 has no checksum for one value.
@@ -377,11 +382,19 @@ def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
     return whole
 
 
-def _encoded(texts: Array) -> Array:
-    """Return texts as an array of UTF-8 of one width, that of the longest."""
+def _encoded(name: str, texts: Array) -> Array:
+    """Return texts of a dataset as an array of UTF-8 of one width, the longest's.
+
+    Raises InputError for a name with the character NUL, where HDF5 would cut it off.
+    """
     encoded = [
         str(text).encode("utf-8", "backslashreplace")
         for text in np.ravel(texts).tolist()
     ]
+    with_nul = next((text for text in encoded if b"\0" in text), None)
+    if with_nul is not None and name in NAMES:
+        shown = printable(with_nul.decode("utf-8", "replace"))
+        fault = f"the name '{shown}' has a character NUL, which HDF5 cannot hold"
+        raise input_error(f"/{name}", fault, "rename it")
     kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
     return np.array(encoded, kind).reshape(texts.shape)

@@ -42,6 +42,7 @@ from shapefit.io.source import (
 from shapefit.pipelines.items import MatchKeys, match_keys
 from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
+from shapefit.pipelines.unfinished import describe_unfinished
 
 ITEMS_AT_ONCE = 4096
 """Items in memory at a time."""
@@ -80,7 +81,11 @@ def convert_files(config: ConvertConfig) -> Iterator[Result]:
                 batch = replace(batch, frame_rate=rate / config.every)
             writer.append(batch)
             yield Result(done=len(batch), total=count, unit=noun)
-        warnings = source.notes + nothing_in(count, f"{noun}s")
+        warnings = (
+            *describe_unfinished(config.files),
+            *source.notes,
+            *nothing_in(count, f"{noun}s"),
+        )
     summary = writer.summary
     yield Result(
         total=count,

@@ -41,6 +41,7 @@ from shapefit.pipelines.partition.manifest import (
     numbers_of_parts,
 )
 from shapefit.pipelines.result import Numbers, Result, unread
+from shapefit.pipelines.unfinished import describe_unfinished
 from shapefit.records.items import Items
 
 INSPECTED_ITEMS = 1 << 14
@@ -118,7 +119,7 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
                 readable.append(path)
             except InputError as error:
                 errors[path] = error
-    warnings: tuple[str, ...] = ()
+    warnings = describe_unfinished(config.files)
     for file_format, paths in group_inputs(readable, options):
         try:
             description, notes = describe_input(file_format, paths, options)

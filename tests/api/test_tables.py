@@ -90,3 +90,9 @@ def test_what_to_csv_writes_every_command_reads(tmp_path, fit, index):
     assert table.attrs == {"unit": "unknown", "y_axis": "down", "frame_rate": 50.0}
     assert read.frame_rate == 50.0
     assert read.frames.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("height", [178, -1.78, 0, float("nan"), "1.78"])
+def test_a_height_that_no_body_has_is_refused(fit, height):
+    with pytest.raises(shapefit.InputError, match=r"to_metres\.height: .* up to 3"):
+        fit.to_metres(height=height)

@@ -2,7 +2,9 @@
 
 import h5py
 import numpy as np
+import pytest
 
+from shapefit.errors import InputError
 from shapefit.io.contents import digest_contents
 from shapefit.io.formats import record_writer
 from shapefit.io.hdf5_file import read_seal
@@ -66,3 +68,13 @@ def test_rows_that_fill_chunks_are_digested_in_order(tmp_path):
     with h5py.File(path) as file:
         stored = file["landmarks"][:]
     assert np.array_equal(stored, np.concatenate([part.points for part in parts]))
+
+
+def test_a_name_with_the_character_nul_is_refused_and_nothing_is_written(tmp_path):
+    """HDF5 would cut it off, and two names could become one."""
+    path = tmp_path / "landmarks.h5"
+    points = np.ones((2, 3, 2))
+    record = Landmarks(points, landmark_names=tuple("pqr"), items=("a\0", "a"))
+    with pytest.raises(InputError, match=r"/item: the name .* has a character NUL"):
+        write_sealed(path, [record])
+    assert not path.exists()

@@ -304,7 +304,7 @@ class _Landmarks:
         require(
             len(columns) == len(points),
             f"{_described_entry(entry)} has {landmarks}, and {owner} {len(columns)}",
-            "correct `keypoints` of the category, or of the annotations",
+            "correct the keypoints of the category, or of the annotations",
         )
         placed = np.zeros((len(self.column_of), 3))
         placed[columns] = points

@@ -51,6 +51,7 @@ from shapefit.pipelines.evaluate.measure import (
     with_shapes_of,
 )
 from shapefit.pipelines.result import Failure, Note, Numbers, Result
+from shapefit.pipelines.unfinished import describe_unfinished
 from shapefit.records import Fit, Shapes
 
 ERROR_BARS_FILE = "error_bars.json"
@@ -92,7 +93,8 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
         truth = source.whole()
     inputs = digests(config.truth)
-    warnings: list[str] = []
+    every_file = [file for files in config.results.values() for file in files]
+    warnings = [*describe_unfinished(every_file)]
     methods: dict[str, Measured] = {}
     draws = config.plots != "none" and not _lacks_matplotlib(config)
     pictured: MatchedResults | None = None
@@ -101,7 +103,8 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         for name, files in config.results.items():
             sources[name] = open_method(files)
             open_files.callback(sources[name].close)
-        yield Result(total=sum(source.count for source in sources.values()))
+        total = sum(source.count for source in sources.values())
+        yield Result(total=total, warnings=tuple(warnings))
         for name, opened in sources.items():
             file = config.results[name][0]
             results = with_shapes_of(read_whole(opened), truth.landmark_names)
@@ -123,7 +126,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
                 warnings=tuple(new),
                 note=name,
             )
-    inputs |= digests(file for files in config.results.values() for file in files)
+    inputs |= digests(every_file)
     document = make_document(config, methods, warnings, inputs)
     figures = Figures((), {})
     if pictured is not None:

@@ -25,6 +25,7 @@ from shapefit.meshes.pictures import (
 )
 from shapefit.pipelines.items import subsample
 from shapefit.pipelines.result import Result
+from shapefit.pipelines.unfinished import describe_unfinished
 from shapefit.pipelines.view.film import is_film
 from shapefit.pipelines.view.photographs import (
     find_photographs,
@@ -86,7 +87,9 @@ def write_page(config: ViewConfig) -> Iterator[Result]:
             page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
             temporary.write_bytes(page)
             note = f"{len(page) / 1e6:.1f} MB"
-    yield Result(done=count, warnings=tuple(notes), note=note, written=(output,))
+    every_file = (file for files in config.files.values() for file in files)
+    warnings = (*describe_unfinished(every_file), *notes)
+    yield Result(done=count, warnings=warnings, note=note, written=(output,))
 
 
 def read_sheet_photographs(
