@@ -252,6 +252,6 @@ def of_markers(
         y_axis="up",
         labels=labels,
         frames=frames,
-        times=times if is_known else None,
+        times=None if doubts else times,
         notes=(*notes, *doubts),
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.io.files import load_shapes, save
 
@@ -47,3 +47,17 @@ def test_frames_of_an_unknown_rate_keep_their_distances(tmp_path, scene):
     shapes, _ = load_shapes(path)
 
     assert_array_equal(shapes.frames, frames - frames[0])
+
+
+@pytest.mark.parametrize("rate", ["0", "-5"])
+def test_times_count_where_the_rate_is_no_rate(tmp_path, scene, rate):
+    path = tmp_path / "walk.trc"
+    save(path, scene.result.replaced(frame_rate=25.0, times=None))
+    first, keys, values, *rest = path.read_text().split("\n")
+    values = values.replace("25", rate)
+    path.write_text("\n".join([first, keys, values, *rest]))
+
+    shapes, _ = load_shapes(path)
+
+    assert shapes.frame_rate is None
+    assert_allclose(np.diff(shapes.times), 0.04)
