@@ -102,6 +102,14 @@ class TestErrorsThatAreNoNumber:
         assert np.isnan([failed.mean, failed.median, failed.p90]).all()
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 11, 500])
+def test_median_and_nine_in_ten_are_percentiles(rng, count):
+    errors = rng.gamma(2, size=count)
+    row = summarise({"all": ("a",)}, a=errors)["all"]["a"]
+    assert row.median == pytest.approx(np.percentile(errors, 50))
+    assert row.p90 == pytest.approx(np.percentile(errors, 90))
+
+
 def test_groups_take_their_sequences_by_glob_in_order_of_appearance():
     names = ["14_02", "13_01", "14_01", "13_01"]
     globs = {"thirteen": "13_*", "fourteen": "14_*", "none": "15_*"}
