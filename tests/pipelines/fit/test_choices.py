@@ -15,6 +15,7 @@ from shapefit.io import (
 )
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.choices import (
+    MAX_USUAL_ATOM_NORM,
     MIN_SEQUENCE_FRAMES,
     choose_method,
     in_sequences,
@@ -204,3 +205,24 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, im
     fault = "length 0: the limbs whose lengths pmp keeps; learn it"
     with pytest.raises(InputError, match=fault):
         fit(dictionary, images, method="pmp")
+
+
+@pytest.mark.parametrize(
+    ("factor", "is_told"),
+    [
+        (0.99 * MAX_USUAL_ATOM_NORM, False),
+        (1.01 * MAX_USUAL_ATOM_NORM, True),
+    ],
+)
+def test_atoms_far_larger_than_normalised_shapes_are_told(chosen, rng, factor, is_told):
+    """Those have the norm (3 p)^(1/2)."""
+    atoms = rng.standard_normal((4, 3, 12))
+    norms = np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
+    large = factor * 36**0.5 * atoms / norms
+    names = tuple(f"p{i}" for i in range(12))
+    dictionary = Dictionary(large, names, mean_shape=large[0])
+    config, _ = chosen(None, overrides=("method=convex",))
+
+    warnings = warn_of_dictionary(config, dictionary)
+
+    assert any("the atoms have a norm" in text for text in warnings) == is_told
