@@ -154,10 +154,9 @@ test-all: test $(ALL_READY)
 	    || echo "No browser: its tests are skipped. To run them: apt-get install $(BROWSER_PACKAGES)"
 	$(BIN)/python -m pytest -m slow $(PYTEST_OPTIONS)
 
+# In one process: some of those that tests start must import, or write, nothing else.
 coverage: $(READY)
-	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -m 'not slow' $(PYTEST_OPTIONS)
-	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage run -m pytest -m 'not slow' -n 0
 	$(BIN)/coverage report
 
 interop: $(READY) $(INTEROP)/ready

@@ -71,7 +71,7 @@ REFUSED = [
     (
         "a.json",
         annotated(1, 2, 2),
-        "annotation 0 has 1 landmark, and category mouse names 2.; correct the keypoints",
+        "annotation 0 has 1 landmark, and category mouse names 2.; correct the",
     ),
     (
         "a.json",
