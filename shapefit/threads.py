@@ -63,6 +63,11 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
             raise
 
 
+def thread_count(threads: int) -> int:
+    """Return how many threads work: `threads`, or with 0 one for each processor."""
+    return threads or os.cpu_count() or 1
+
+
 def on_threads(
     work: Callable[[Item], Outcome], items: Iterable[Item], threads: int
 ) -> list[Outcome]:
@@ -72,7 +77,7 @@ def on_threads(
     or releases the GIL.
     """
     tasks = list(items)
-    workers = min(threads or os.cpu_count() or 1, len(tasks))
+    workers = min(thread_count(threads), len(tasks))
     if workers <= 1:
         return [work(item) for item in tasks]
     with make_pool(workers) as pool:

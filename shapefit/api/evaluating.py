@@ -56,7 +56,7 @@ class Evaluation:
     failures: Mapping[str, str]
 
     def mean(self, metric: Metric, unit: str | None = None) -> float:
-        """Return the mean over the means of the groups.
+        """Return the mean error in a metric: of each group, then over the groups.
 
         Parameters
         ----------

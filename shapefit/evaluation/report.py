@@ -242,12 +242,7 @@ def _statistics(values: Floats) -> _Statistics:
     failed = int(np.isnan(values).sum())
     if n == 0:
         return _Statistics(0, failed, np.nan, np.nan, np.nan)
-    places = np.array([0.5, 0.9]) * (n - 1)
-    below = places.astype(np.intp)
-    above = np.minimum(below + 1, n - 1)
-    ordered = np.partition(finite, np.union1d(below, above))
-    steps = ordered[above] - ordered[below]
-    median, p90 = (ordered[below] + (places - below) * steps).tolist()
+    median, p90 = np.percentile(finite, [50, 90]).tolist()
     return _Statistics(n, failed, float(finite.mean()), median, p90)
 
 

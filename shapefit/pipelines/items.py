@@ -97,6 +97,14 @@ def find_truth(
         rows = find_frames(images, truth)
     else:
         rows = find_rows(images.items, truth.items)
+    if (rows < 0).all() and match == BY_FRAME:
+        fault = (
+            f"none of its {len(rows)} images is of a frame and sequence of the truth"
+        )
+        fix = "give the truth of these images, or name the sequences alike"
+        if images.sequences and truth.sequences:
+            fix += f" ('{images.sequences[0]}' here, '{truth.sequences[0]}' there)"
+        raise input_error(place, fault, fix)
     if (rows < 0).all():
         fault = (
             f"none of its {len(rows)} images is in the truth, which has no"
@@ -107,14 +115,6 @@ def find_truth(
             " the frames of one recording, or to a dataset that names such items as"
             f" '{truth.items[0]}'"
         )
-        if match == BY_FRAME:
-            fault = (
-                f"none of its {len(rows)} images is of a frame and sequence of the"
-                " truth"
-            )
-            fix = "give the truth of these images, or name the sequences alike"
-            if images.sequences and truth.sequences:
-                fix += f" ('{images.sequences[0]}' here, '{truth.sequences[0]}' there)"
         raise input_error(place, fault, fix)
     return rows
 

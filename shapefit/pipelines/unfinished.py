@@ -11,23 +11,14 @@ def describe_unfinished(files: Iterable[Path]) -> tuple[str, ...]:
 
     files: the results that are read; a part that is read by itself is no such folder.
     """
-    given = {*files}
-    folders = sorted({file.parent for file in given if file.name.startswith("part-")})
-    if not folders:
+    parts = [file for file in files if file.name.startswith("part-")]
+    if not parts:
         return ()
-    from shapefit.config.manifest import part_name
-    from shapefit.pipelines.partition.manifest import read_manifest
+    from shapefit.pipelines.partition.manifest import find_whole_folders
 
-    warnings = []
-    for folder in folders:
-        manifest = read_manifest(folder)
-        if manifest is None or not {folder / name for name in manifest.done} <= given:
-            continue
-        planned = {part_name(number) for number in manifest.run.parts}
-        missing = planned - manifest.done.keys()
-        if missing:
-            warnings.append(
-                f"{folder}: {len(missing):,} of its {len(planned):,} parts have no"
-                " result: run the same `fit` again"
-            )
-    return tuple(warnings)
+    return tuple(
+        f"{folder}: {len(manifest.missing):,} of its {len(manifest.run.parts):,} parts"
+        " have no result: run the same `fit` again"
+        for folder, manifest in find_whole_folders(parts)
+        if manifest.missing
+    )

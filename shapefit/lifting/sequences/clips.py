@@ -21,7 +21,6 @@ lengths, inferred from it alone, are together as long as those of the others.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -54,7 +53,7 @@ from shapefit.lifting.sequences.smoothing import (
     smooth,
 )
 from shapefit.lifting.trust import expected_error
-from shapefit.threads import map_ahead, on_threads
+from shapefit.threads import map_ahead, on_threads, thread_count
 from shapefit.timeline import ASSUMED_RATE, Timeline
 
 MAX_CLIP_FRAMES = 4096
@@ -301,7 +300,7 @@ def refine_clips(
             clips, clip, informative[clip], is_finite[clip], motion, refined, workers
         )
 
-    threads = threads or os.cpu_count() or 1
+    threads = thread_count(threads)
     # those that are left when each thread has as many as the others
     divided = len(long) % threads
     on_threads(refine, long[divided:], threads)

@@ -9,7 +9,6 @@ where it is chosen.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -24,6 +23,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.joints import Detected
 from shapefit.records import Fit, Landmarks
+from shapefit.threads import thread_count
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
@@ -151,7 +151,7 @@ class Pace:
     @classmethod
     def of(cls, max_images: int, threads: int) -> Pace:
         """Return the pace of a fit on so many threads, 0 for one per core."""
-        all_threads = threads or os.cpu_count() or 1
+        all_threads = thread_count(threads)
         return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
 
     def follow(self, images: int, seconds: float) -> None:

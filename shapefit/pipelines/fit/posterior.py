@@ -4,7 +4,6 @@ and what `sequences` has in common with it.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -40,6 +39,7 @@ from shapefit.pipelines.fit.sample import (
 )
 from shapefit.pipelines.joints import MEANS, Matched
 from shapefit.records import Fit, Landmarks
+from shapefit.threads import thread_count
 
 SECONDS_PER_IMAGE = 2e-10
 """Of a core, times p^3.5 (10 + components): p^3 operations, in more memory. Measured on
@@ -146,7 +146,7 @@ class PosteriorFamily:
         prior = posterior.dictionary.prior
         assert prior is not None, "checked with what the method needs"
         p = posterior.dictionary.mean_shape.shape[1]
-        cores = posterior.threads or os.cpu_count() or 1
+        cores = thread_count(posterior.threads)
         per_image = SECONDS_PER_IMAGE * p**3.5 * (10 + len(prior))
         per_image /= min(cores, max(total, 1))
         liftings = total

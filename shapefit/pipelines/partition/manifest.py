@@ -82,6 +82,11 @@ class Manifest:
         return {file: line for file, line in self.parts.items() if line.status == DONE}
 
     @property
+    def missing(self) -> set[str]:
+        """The names of files that the run is to write, and has not."""
+        return {*map(part_name, self.run.parts)} - self.done.keys()
+
+    @property
     def files(self) -> set[str]:
         """The names of files that a run with this manifest may replace or remove."""
         numbers = (*self.run.parts, *self.run.removed)
@@ -190,15 +195,17 @@ def _lock(folder: Path) -> IO[str]:
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
     """Return folder -> manifest where all results of a folder, 2 or more, are given."""
-    folders: dict[Path, Manifest] = {}
+    whole = find_whole_folders(files)
+    return {folder: manifest for folder, manifest in whole if len(manifest.done) > 1}
+
+
+def find_whole_folders(files: Collection[Path]) -> Iterator[tuple[Path, Manifest]]:
+    """Yield each folder all of whose results are given, with its manifest."""
+    given = {*files}
     for folder in dict.fromkeys(file.parent for file in files):
         manifest = read_manifest(folder)
-        if manifest is None:
-            continue
-        results = {folder / name for name in manifest.done}
-        if len(results) > 1 and results <= set(files):
-            folders[folder] = manifest
-    return folders
+        if manifest is not None and {folder / name for name in manifest.done} <= given:
+            yield folder, manifest
 
 
 def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:

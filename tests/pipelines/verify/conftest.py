@@ -6,9 +6,12 @@ from types import SimpleNamespace
 import h5py
 import pytest
 
+from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io.contents import digest_contents
 from shapefit.io.layout import CONTENTS
+from shapefit.pipelines.partition.run import fit_parts
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import verify_results as run
 
@@ -89,3 +92,24 @@ def is_accepted(verify, *given):
         return not verify(*given).failures
     except InputError:
         return False
+
+
+@pytest.fixture(scope="session")
+def honest(dictionaries, landmarks, tmp_path_factory):
+    """A folder with two parts of one file."""
+    folder = tmp_path_factory.mktemp("parts") / "honest"
+    config = FitConfig(
+        landmarks=[str(landmarks["cars"])],
+        dictionary=str(dictionaries["cars"]),
+        output=ResultFolder(folder, 64),
+    )
+    list(fit_parts(config))
+    return folder
+
+
+@pytest.fixture
+def folder(honest, tmp_path):
+    """A copy of it, to change."""
+    copy = tmp_path / "folder"
+    shutil.copytree(honest, copy)
+    return copy

@@ -9,31 +9,8 @@ import h5py
 import pytest
 from shapefit.cli.main import run as run_command
 
-from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
 from shapefit.io.layout import CONTENTS
-from shapefit.pipelines.partition.run import fit_parts
 from tests.pipelines.verify.conftest import is_accepted, reseal
-
-
-@pytest.fixture(scope="module")
-def honest(dictionaries, landmarks, tmp_path_factory):
-    """A folder with two parts of one file."""
-    folder = tmp_path_factory.mktemp("parts") / "honest"
-    config = FitConfig(
-        landmarks=[str(landmarks["cars"])],
-        dictionary=str(dictionaries["cars"]),
-        output=ResultFolder(folder, 64),
-    )
-    list(fit_parts(config))
-    return folder
-
-
-@pytest.fixture
-def folder(honest, tmp_path):
-    copy = tmp_path / "folder"
-    shutil.copytree(honest, copy)
-    return copy
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:

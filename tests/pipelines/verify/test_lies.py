@@ -9,11 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import read_results, result_writer
-from shapefit.pipelines.partition.run import fit_parts
 from tests.pipelines.verify.conftest import TERMS
 
 IMAGE = 3
@@ -260,25 +257,6 @@ def test_no_images_are_a_failure(fitted, verify, dictionaries, tmp_path):
     found = verify(path, dictionaries["people"])
     assert "holds no image" in "".join(found.failures.values())
     assert found.note == "No image was checked."
-
-
-@pytest.fixture(scope="session")
-def honest(dictionaries, landmarks, tmp_path_factory):
-    """A folder with two parts of one file."""
-    folder = tmp_path_factory.mktemp("parts") / "honest"
-    config = FitConfig(
-        landmarks=[str(landmarks["cars"])],
-        dictionary=str(dictionaries["cars"]),
-        output=ResultFolder(folder, 64),
-    )
-    list(fit_parts(config))
-    return folder
-
-
-@pytest.fixture
-def folder(honest, tmp_path):
-    shutil.copytree(honest, tmp_path / "folder")
-    return tmp_path / "folder"
 
 
 def edit(folder, change):
