@@ -202,7 +202,7 @@ def write_shapes(path: Path, shapes: Shapes) -> None:
         writer.append(shapes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SourceFile(Generic[Record]):
     """One file of a source, of which some rows can be read.
 
