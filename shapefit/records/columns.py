@@ -233,9 +233,8 @@ def complete(record: Items) -> None:
             fault = f"is no array of {column.noun}"
             fix = f"give {column.noun}"
             raise input_error(_place_of(column, record), fault, fix) from None
-        if isinstance(converted, tuple):
-            shape: tuple[int, ...] = (len(converted),)
-        else:
+        shape: tuple[int, ...] = (len(converted),)
+        if isinstance(converted, np.ndarray):
             shape = converted.shape
         sizes_before = dict(sizes)
         if not match_axes(column.axes, shape, sizes):
