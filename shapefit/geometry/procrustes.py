@@ -95,25 +95,25 @@ def similarity_errors(
 
 
 def aligned_distances(estimate: Floats, truth: Floats) -> Floats:
-    """Return distances (n, p) of estimated points from true ones, after a similarity.
+    """Return distances (n, p) of estimated points from true ones, once aligned.
 
     |s R e_j + t - x_j| with the similarity s, R, t that minimises the sum of their
     squares. estimate e and truth x (n, 3, p); nan for landmarks that are not finite on
     one side, which do not count.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
-    e = _centred_unless_one(estimate, finite)
-    x = _centred_unless_one(truth, finite)
+    e = _centred_or_zero(estimate, finite)
+    x = _centred_or_zero(truth, finite)
     R, scale = _scaled_rotation(e, x)
     residual = scale[:, None, None] * (R @ e) - x
     distance = np.sqrt((residual**2).sum(axis=1))
     return np.where(finite, distance, np.nan)
 
 
-def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
-    """Return points (n, d, p) less the mean of the finite ones (n, p).
+def _centred_or_zero(points: Floats, finite: Flags) -> Floats:
+    """Centre points (n, d, p) on the mean of the finite ones; all 0 if these coincide.
 
-    0 for those that are not, and for all where the finite ones coincide.
+    Points that are not finite (n, p) become 0.
     """
     if finite.size:
         first = finite.argmax(axis=1)[:, None, None]
@@ -128,9 +128,9 @@ def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
 
 
 def coincide(points: Floats) -> Flags:
-    """Whether all points of a set (..., d, p) are one up to rounding: (...).
+    """Return whether the points of each set (..., d, p) coincide up to rounding, (...).
 
-    A set without points is one, too.
+    True for a set without points.
     """
     if points.shape[-1] == 0:
         return np.ones(points.shape[:-2], dtype=np.bool_)
@@ -140,7 +140,7 @@ def coincide(points: Floats) -> Flags:
 
 
 def centred(points: Floats, finite: Flags) -> Floats:
-    """Return points (n, d, p) less the mean of the finite ones (n, p), 0 for others."""
+    """Centre points (n, d, p) on the mean of the finite ones (n, p), others being 0."""
     points = np.where(finite[:, None], points, 0.0)
     count = np.maximum(finite.sum(axis=-1), 1)
     mean = points.sum(axis=-1, keepdims=True) / count[:, None, None]
@@ -192,18 +192,17 @@ def generalised_procrustes(
 
 
 def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
-    """Return these landmarks (None: all) of shapes (..., 3, p), centred."""
+    """Select landmarks by index (None: all) of shapes (..., 3, p), and centre them."""
     chosen = shapes if landmarks is None else shapes[..., list(landmarks)]
     centred: Floats = chosen - chosen.mean(axis=-1, keepdims=True)
     return centred
 
 
 def mirror(shapes: Floats, mirror_index: MirrorIndex, lateral: int = 0) -> Floats:
-    """Return mirror images of shapes: left and right exchanged, the axis negated.
+    """Mirror shapes (..., 3, p): exchange left and right points, negate axis `lateral`.
 
-    shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0,
-    1, 2); mirror_index (p,): the partner of each point, itself for a point on the
-    plane.
+    The shapes are in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1,
+    2); mirror_index (p,): the partner of each point, itself for a point on the plane.
     """
     mirrored: Floats = shapes[..., mirror_index]
     mirrored[..., lateral, :] *= -1

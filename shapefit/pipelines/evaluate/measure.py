@@ -322,7 +322,7 @@ def _angle_errors(matched: MatchedResults) -> PartErrors:
     joints = joint_columns(matched.names)
     if not LIMB_ENDS & joints.keys():
         return PartErrors((), {})
-    angles = [angle for angle in measurable_angles(joints) if not angle.is_to_vertical]
+    angles = [angle for angle in measurable_angles(joints) if not angle.depends_on_up]
     if not angles:
         return PartErrors((), {})
 
