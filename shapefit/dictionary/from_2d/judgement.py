@@ -104,7 +104,7 @@ class Judgement:
 
 
 def evaluate_class(images: Images, state: ClassState) -> Judgement:
-    """Judge whether a class of shapes and its depth were learned, on some images.
+    """Judge on a sample of the images whether a class and its depth were learned.
 
     By the error of hidden landmarks, the evidence beyond a flat model, and two halves
     that agree. state: what was learned from all images.
@@ -138,7 +138,7 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
 
 
 def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
-    """Return `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`, of a class that is not flat.
+    """Return a verdict, `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`, for a deep class.
 
     gain: log evidence a landmark beyond a flat model; half_distance: of shapes learned
     from each half of the images, in sizes of a shape; see `Judgement`.
@@ -219,7 +219,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return the distance of learned shapes from those of half of the images alone.
+    """Return the mean distance of learned shapes from those learned from half of them.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where
@@ -245,7 +245,7 @@ def _mean_distance(X: Floats, Y: Floats) -> float:
 
 
 def penalty_of_views(images: Images, state: ClassState, axes: slice) -> float:
-    """Return what to subtract from the log evidence at fitted views (Occam factor).
+    """Return the Occam penalty of fitted views, to subtract from the log evidence.
 
     sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)), by Laplace's method for a uniform prior
     over the d axes; H is the information of a rotation about them, S = 8 pi^2 the size

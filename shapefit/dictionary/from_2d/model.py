@@ -161,7 +161,7 @@ OfImages = TypeVar("OfImages", Views, Expected)
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Return the expectation step: posterior moments of the shapes in given views.
+    """Return the posterior moments of the shapes in the images, given their views.
 
     With `slopes` also the gradient and the information of the log density by the views.
     With U U^T = M^-1 all that is needed follows from V U, by landmark. The gradient is
@@ -202,7 +202,7 @@ def posterior_mean(
         _add_slopes_of_size(gradient, information, images, views, model)
     root = VU
     root -= (projected.s * model.rest)[:, None, None] * RP @ weighted
-    flip_gain = flip_gain_of(left, H, projected.v, images.visible)
+    flip_gain = find_flip_gain(left, H, projected.v, images.visible)
     return Expected(
         log_density=_log_density(images, views, model, projected, U, alpha),
         flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
@@ -254,7 +254,7 @@ def _project(images: Images, views: Views, model: Gaussian) -> _Projected:
 
 
 def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
-    """Return U (n, q + 2, q + 2), upper triangular, with U U^T = M^-1."""
+    """Return upper U (n, q + 2, q + 2), U U^T = (B^T diag(u, u) B + prior)^-1."""
     n, _, columns = B.shape
     uB = (u[:, None, :, None] * B.reshape(n, 2, u.shape[1], columns)).reshape(B.shape)
     M = uB.transpose(0, 2, 1) @ B
@@ -288,7 +288,7 @@ def _log_density(
 def _residual_variance(
     images: Images, projected: _Projected, gain: Floats, left: Floats, H: Floats
 ) -> Floats:
-    """Return the sum over visible landmarks of omega^2 E |e|^2: (n,)."""
+    """Return the expected error omega^2 E |e|^2 (n,), summed over visible landmarks."""
     omega = images.weights
     share = np.where(images.visible, 1 - gain, 0.0)
     squares = (left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1]
@@ -299,7 +299,7 @@ def _residual_variance(
 def _slopes(
     views: Views, model: Gaussian, projected: _Projected, U: Floats, moved: Floats
 ) -> tuple[Floats, Floats]:
-    """Return gradient (n, 4) and information (n, 4, 4) of the images by their views.
+    """Return gradient (n, 4) and information (n, 4, 4) of log densities by the views.
 
     moved (n, 2, 3): the derivative of the log density by s P R.
     """
@@ -328,8 +328,8 @@ def _add_slopes_of_size(
     information[:, 3, 3] += 1 / model.size_variance
 
 
-def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
-    """Return the log density gained (n, p) where one landmark changes its label.
+def find_flip_gain(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
+    """Return the log density gained (n, p) by changing a landmark to outlier or back.
 
     An inlier becomes an outlier, an outlier an inlier. left (n, 2, p): residuals; H (n,
     p, 2, 2): their covariance; v (n, p): variances; visible (n, p): the inliers.
@@ -380,8 +380,8 @@ def sum_covariances(expected: Expected, views: Views, model: Gaussian) -> Floats
     return total
 
 
-def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
-    """Return each view after a damped step towards more log density of its image.
+def step_views(views: Views, expected: Expected, damping: Floats) -> Views:
+    """Step each view, damped, towards a higher log density of its image.
 
     damping (n,). By Fisher scoring, from the slopes, which must be there; at most
     `MAX_VIEW_STEP` in a direction.
