@@ -56,9 +56,9 @@ def place_dependents(
     depends_on: Integers,
     residual_variance: float,
 ) -> Lifting[PosteriorEstimate]:
-    """Return the lifting with its dependent landmarks moved to where images show them.
+    """Move the dependent landmarks (as feet of ankles) of lifted shapes to the images'.
 
-    Its covariances must be there, and change with them. landmarks (n, 2, p) as
+    The lifting must have covariances, which change too. landmarks (n, 2, p) as
     observed; shown (n, p), which of them are; depends_on (p,), the landmark that each
     depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
     """
@@ -70,7 +70,7 @@ def place_dependents(
     scale = lifting.scale[:, None, None]
     is_seen = np.tile(shown[:, a] & shown[:, b], 2)
     R = _noise_of_differences(is_seen, np.concatenate([b, p + b]), residual_variance)
-    K = _gain(C, R, np.concatenate([a, p + a, 2 * p + a]))
+    K = _kalman_gain(C, R, np.concatenate([a, p + a, 2 * p + a]))
     residual = (landmarks - lifting.landmarks_fitted) / scale
     difference = residual[..., a] - residual[..., b]
     r = np.where(is_seen, difference.reshape(is_seen.shape), 0.0)
@@ -108,8 +108,8 @@ def _noise_of_differences(
     return R
 
 
-def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
-    """Return the gain K (n, 3a, 2a) by which residuals in x and y move x, y and z.
+def _kalman_gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
+    """Return the Kalman gain K (n, 3a, 2a) from residuals in x and y to x, y and z.
 
     C (n, 3p, 3p), R (n, 2a, 2a); dependent (3a,): rows of C of the a landmarks.
     """
@@ -146,7 +146,7 @@ def _covariance_of_placed(
 def combine_landmarks(
     rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
 ) -> Points:
-    """Return q points, each a weighted sum of landmarks, and what is known of errors.
+    """Return q weighted sums of landmarks, with standard deviations and correlations.
 
     rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which no
     errors are known. sd (q,): standard deviation that a point has besides.
@@ -177,10 +177,10 @@ def combine_landmarks(
 def as_joints(
     lifting: Lifting[PosteriorEstimate], A: Floats
 ) -> Lifting[PosteriorEstimate]:
-    """Return a lifting of landmarks y = A x with the joints x as its shapes.
+    """Convert a lifting of landmarks y = A x to one whose shapes are the joints x.
 
-    Error bars are theirs, too. The landmarks fitted stay those of y. Shapes stay about
-    the middle that those of y have.
+    Error bars are those of the joints. The landmarks fitted stay those of y. Shapes
+    stay about the middle that those of y have.
     """
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
     estimate = lifting.estimate

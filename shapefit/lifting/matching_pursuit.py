@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Indices, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
-from shapefit.convex.span import weighted
+from shapefit.convex.span import centre_and_weight
 from shapefit.geometry.rotations import complete_rotation, nearest_rows
 from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.reconstruction import combine
@@ -139,14 +139,14 @@ def pursue(
     for rows, mask in divide_by_weights(problem.weights):
         if (mask > 0).sum() < 2:
             continue
-        w = weighted(problem.landmarks[rows], problem.weights[rows])
+        w = centre_and_weight(problem.landmarks[rows], problem.weights[rows])
         with np.errstate(over="ignore"):
             is_finite = np.isfinite((w**2).sum(axis=(1, 2)))
         status[rows[~is_finite]] = Status.NUMERICAL_FAILURE
         rows = rows[is_finite]
         if not len(rows):
             continue
-        B = weighted(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
+        B = centre_and_weight(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
         search = Search(w[is_finite], B, limbs)
         search.run(goal, change, max_atoms, max_rounds)
         coefficients[rows] = search.coefficients
@@ -228,10 +228,10 @@ class Search:
     def fit_alternately(
         self, going: Indices, chosen: Indices, change: float, max_rounds: int
     ) -> None:
-        """Fit coefficients and camera in turn, until errors stand still, in place.
+        """Fit coefficients and cameras in turn, in place, until errors converge.
 
-        going: the images; chosen (r, m): the shapes that each mixes; change and
-        max_rounds as in `pursue`.
+        going (r,): indices of the images; chosen (r, m): those of the shapes that each
+        mixes; change and max_rounds as in `pursue`.
         """
         L = np.linalg.cholesky(self.limb_gram[chosen[:, :, None], chosen[:, None]])
         flat = self.B[chosen].reshape(*chosen.shape, -1)
@@ -255,11 +255,11 @@ class Search:
         self.coefficients[going[:, None], chosen] = mixed
 
     def add_atom(self, rows: Indices, chosen: Indices) -> tuple[Indices, Indices]:
-        """Choose one more atom for each image: that most like what is not yet fitted.
+        """Choose one more atom for each image: that most like its residual.
 
         That of the largest |<w - M S, M B_i>|, of those whose limbs are no mixture of
-        the chosen ones'. Returns the images that have one, and the shapes chosen for
-        them, the new one last.
+        the chosen ones'. Returns the indices of the images that have one, and of the
+        shapes chosen for them, the new one last.
         """
         S = np.einsum("ns,sap->nap", self.coefficients[rows], self.B)
         M = self.cameras(rows)
@@ -276,7 +276,7 @@ class Search:
         return rows[has_one], np.column_stack([chosen, atom])[has_one]
 
     def cameras(self, rows: Indices) -> Floats:
-        """Return the cameras M = diag(scale) R (r, 2, 3) of these images."""
+        """Return the cameras M = diag(scale) R (r, 2, 3) of the images `rows`."""
         M: Floats = self.scale[rows, :, None] * self.R[rows]
         return M
 
@@ -288,7 +288,7 @@ class Search:
         return Z, N
 
     def fit_camera(self, rows: Indices, y: Floats, Z: Floats, N: Floats) -> None:
-        """Fit rotations and scales of these images to S = sum_i y_i Q_i, in place.
+        """Fit rotations and scales of the images `rows` to S = sum_i y_i Q_i, in place.
 
         R is nearest to argmin_M ||w - M S||^2. The rotation stays where it fits better
         than that, so that no error rises. Z and N as `moments` returns them.

@@ -86,9 +86,9 @@ def _gap_to(bound: Floats, objective: Floats) -> Floats:
 def _removable_outliers(
     problem: Problem, outliers: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return the outliers (n, p) of images that can be lifted without theirs.
+    """Return the outliers (n, p), none of images that would be degenerate without them.
 
-    Other images keep theirs, as what is left of them is degenerate.
+    Such images are refined with all their landmarks.
     """
     weights = np.where(outliers, 0.0, problem.weights)
     removable = outliers.copy()
@@ -276,10 +276,10 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
-    """Return the moments of shape and landmarks, all that a pose depends on.
+    """Return weighted moments S S^T (n, 3, 3) and W S^T (n, 2, 3) of shape, landmarks.
 
-    S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means; shape
-    S (3, p). Zero for an image without landmarks.
+    S Omega^2 S^T and W Omega^2 S^T about the weighted means, all that a pose depends
+    on; shape S (3, p). Zero for an image without landmarks.
     """
     squares = problem.weights[:, None] ** 2
     total = squares.sum(axis=-1)
@@ -294,7 +294,7 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 def find_pose(
     problem: Problem, shape: Floats, starts: int = STARTS, *, threads: int = 0
 ) -> Pose:
-    """Return rotation and size at which a shape fits the landmarks of an image best.
+    """Return the pose in which a shape (3, p) fits the landmarks of each image best.
 
     argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S
     (3, p). Trust regions start from so many even views, of which the first is the

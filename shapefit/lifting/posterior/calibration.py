@@ -67,7 +67,7 @@ class HiddenInTurn:
     predictions: int
 
     def growth(self, bar_scale: float) -> Floats:
-        """Return the factors (p,) by which covariances of landmarks are to grow.
+        """Return the factors (p,) >= 1 to multiply the covariances of landmarks by.
 
         max(1, kappa / bar_scale), for the larger kappa of all and of the landmark; nan
         ones do not count. bar_scale, which all covariances have, stands for as large a
@@ -170,7 +170,7 @@ def predict_hidden(
 
 
 def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
-    """Choose seen landmarks (n, p) to hide: the image and the landmark of each.
+    """Choose visible landmarks (n, p) to hide; return the image and landmark of each.
 
     All of them, or about `MAX_HIDDEN`, evenly over landmarks and images.
     """

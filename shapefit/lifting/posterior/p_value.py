@@ -124,7 +124,7 @@ def with_p_value_table(dictionary: Dictionary) -> Dictionary:
 
 
 def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floats:
-    """Return the p-value table (t, 4): moments of the distance of images of the model.
+    """Return the p-value table (t, 4): moments of distances of images of the prior.
 
     They are found by drawing images. Columns: scale of the prior; landmarks seen,
     ascending; excess, how much larger its mean is than 2 b - 6 for b inliers; share of
@@ -147,7 +147,7 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floa
 
 
 def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
-    """Return the excess and the share of variance of images of `count` landmarks.
+    """Return excess and share of variance of distances in images of `count` landmarks.
 
     Both as in `draw_table`, found by drawing images. The distance x is compared with y,
     that from what is expected at the true view and component, which is chi^2 with f = 2
@@ -186,7 +186,7 @@ class Drawn(NamedTuple):
     shown: Flags
 
     def part(self, rows: slice) -> Drawn:
-        """Some of the images."""
+        """Return the drawn images `rows`."""
         return Drawn(
             self.component[rows],
             self.rotation[rows],
@@ -196,7 +196,7 @@ class Drawn(NamedTuple):
 
 
 def draw_images(prior: Mixture, count: int) -> Drawn:
-    """Draw images with `count` shown landmarks each."""
+    """Draw images of shapes of the prior, with `count` shown landmarks each."""
     rng = np.random.default_rng((DRAW_SEED, count))
     n = DRAWN_IMAGES
     p = prior.means.shape[2]
@@ -211,7 +211,7 @@ def draw_images(prior: Mixture, count: int) -> Drawn:
 
 
 def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
-    """Return the posterior of images that were drawn, from their true views on."""
+    """Return the posterior of drawn images, sought from their true views."""
     n, p = drawn.shown.shape
     return find_posterior(
         landmarks=drawn.landmarks,
@@ -236,7 +236,7 @@ def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
-    """Return squared Mahalanobis distances (n,) of drawn images from their own model.
+    """Return squared Mahalanobis distances (n,) of images from what they are drawn of.
 
     That of the component and the view of which each was drawn.
     """
