@@ -36,9 +36,9 @@ def finite_median(values: Numbers, default: float = float("nan")) -> float:
 
 
 def runs(is_new: Flags, count: int) -> list[slice]:
-    """Return the slices of `count` rows that stand together, [] for no row.
+    """Return the slices of consecutive runs that `count` rows form, [] for no row.
 
-    is_new (count - 1,): whether a row, from the second on, begins another run.
+    is_new (count - 1,): whether a row, from the second on, begins a new run.
     """
     if not count:
         return []

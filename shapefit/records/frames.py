@@ -51,7 +51,7 @@ def check_frames(
 def _places(
     sequences: Sequence[str], frames: Integers
 ) -> tuple[NDArray[np.intp], Integers]:
-    """Return the number of each item's sequence (n,), and its frame (n,).
+    """Return the number of the sequence (n,) and the frame (n,) of each item.
 
     The frame of an item without a sequence, "", is 0.
     """

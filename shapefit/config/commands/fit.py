@@ -34,7 +34,7 @@ from shapefit.lifting.methods import (
     Method,
     summarise,
 )
-from shapefit.timeline import frames_of
+from shapefit.timeline import parse_frame_range
 
 if TYPE_CHECKING:
     MethodName = str
@@ -46,7 +46,7 @@ else:
 
 def check_frames(text: str | None) -> str | None:
     """Return a range of frames; ValueError for a text that is none."""
-    frames_of(text)
+    parse_frame_range(text)
     return text
 
 
