@@ -85,7 +85,7 @@ def find_squares(
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Return squared Mahalanobis distances of the truth, and widths of error bars.
+    """Return squared Mahalanobis distances (n, p) of the truth, and widths of the bars.
 
     d^T C^-1 d (n, p), d = e_j - y_j, of the truth y = a R x + t.
     It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,

@@ -62,10 +62,10 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
 
 
 def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
-    """Return the errors (n,) that results state to expect, in the unit of the truth.
+    """Convert the expected errors `error` (n,) to the unit of the truth.
 
-    error (n,), those in the unit of the estimate, times the ratio of the sizes of truth
-    and estimate, (n, 3, p) each; nan where the estimate has no size.
+    error, in the unit of the estimate, times the ratio of the sizes of truth and
+    estimate, (n, 3, p) each; nan where the estimate has no size.
     """
     visible = visible_in_both(estimate, truth)
     size = np.sqrt((centred(estimate, visible) ** 2).sum(axis=(1, 2)))
