@@ -14,9 +14,9 @@ from shapefit.errors import input_error
 def order_by_frame(
     sequences: Sequence[str] | None, frames: Integers | None
 ) -> NDArray[np.intp] | None:
-    """Return the order (n,) that sorts items by frame, sequence by sequence.
+    """Return the indices (n,) that sort items by frame, sequence by sequence, or None.
 
-    None where frames rise as they stand, and without sequences or frames. Items of no
+    None where the frames rise already, and without sequences or frames. Items of no
     sequence, "", stay in their order.
     """
     if sequences is None or frames is None:

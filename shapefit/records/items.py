@@ -67,7 +67,7 @@ class Items:
     """What is stored with the file, such as how it was made."""
 
     def __post_init__(self) -> None:
-        """Raise InputError where what is given is no array, or axes disagree."""
+        """Convert the fields to their types; InputError where one does not fit."""
         complete(self)
         set_field = object.__setattr__
         set_field(self, "landmark_names", all_composed(self.landmark_names))
