@@ -23,7 +23,7 @@ from shapefit.evaluation.report import (
     PartSummary,
     Quantity,
     decimals_of,
-    number,
+    format_number,
     sequences_of,
     shown_units,
     table_of,
@@ -152,7 +152,9 @@ def _introduction(report: Document, facts: PageFacts) -> str:
         return text
     name, error, unit = best
     decimals = decimals_of([error])
-    text += f" After alignment landmarks are {number(error, decimals)} {unit} off"
+    text += (
+        f" After alignment landmarks are {format_number(error, decimals)} {unit} off"
+    )
     text += " on average"
     if len(methods) > 1:
         text += f" with {name}, the best of {len(methods)} methods"
@@ -273,7 +275,7 @@ def _column_cells(
     """
     decimals = decimals_of(value for values in column.values() for value in values)
     texts = [
-        " / ".join(number(value, decimals) for value in column.get(row, (None,)))
+        " / ".join(format_number(value, decimals) for value in column.get(row, (None,)))
         for row in rows
     ]
     means = [text.partition(" / ")[0] for text in texts]

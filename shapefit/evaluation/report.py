@@ -401,7 +401,7 @@ def _short_errors(
 def _describe_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
     """Return a mean and a median in words."""
     decimals = decimals_of(mean_and_median)
-    mean, median = (number(value, decimals) for value in mean_and_median)
+    mean, median = (format_number(value, decimals) for value in mean_and_median)
     return f"{mean} mean, {median} median ({unit})"
 
 
@@ -459,7 +459,7 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def number(value: float | None, decimals: int) -> str:
+def format_number(value: float | None, decimals: int) -> str:
     """Return a number as text with `decimals` decimals; `ABSENT` for None and nan."""
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 

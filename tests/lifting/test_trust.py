@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.lifting.trust import (
     MEASURED_ERROR_SHARE,
     contradicts_dictionary,
@@ -166,7 +166,7 @@ def test_the_expected_error_is_that_of_draws(rng, root_of):
     errors = root @ rng.standard_normal((root.shape[1], draws))
     truths = shape + errors.T.reshape(draws, 3, P)
     estimates = np.repeat(shape[None], draws, axis=0)
-    measured = similarity(estimates, truths).mean()
+    measured = similarity_error(estimates, truths).mean()
 
     (found,) = expected_error(shape[None], (root @ root.T)[None])
 

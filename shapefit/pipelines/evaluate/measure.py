@@ -19,7 +19,7 @@ from shapefit.evaluation.metrics import (
     METRICS,
     MIN_COMMON_LANDMARKS,
     in_blocks,
-    similarity,
+    similarity_error,
 )
 from shapefit.evaluation.report import ALL, NORMALISED, Quantity
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
@@ -395,7 +395,7 @@ def _one_individual(
     names = np.array(sequences, str)
     is_omitted = np.zeros(len(rows), np.bool_)
     if len(np.unique(rows[has_truth])) < has_truth.sum():
-        error = in_blocks(similarity, estimate, true)
+        error = in_blocks(similarity_error, estimate, true)
         medians = {
             name: np.nanmedian([np.inf, *error[names == name]])
             for name in np.unique(names)
@@ -461,7 +461,7 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
 
     def median_error(true: Floats) -> float:
         """Return the median error after a similarity, inf where one is unknown."""
-        return float(np.median(np.nan_to_num(similarity(e, true), nan=np.inf)))
+        return float(np.median(np.nan_to_num(similarity_error(e, true), nan=np.inf)))
 
     error = median_error(x)
     mirrored = median_error(x * [[-1.0], [1.0], [1.0]])
