@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers, runs
+from shapefit.arrays import Floats, Integers, split_runs
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -109,7 +109,7 @@ class Timeline:
     def stretches(self) -> list[slice]:
         """Slices of images, cut where frames are missing for over `MAX_GAP_SECONDS`."""
         longest = 1.0 + max(MAX_GAP_SECONDS * self.rate, JITTER)
-        return runs(self.steps > longest, len(self))
+        return split_runs(self.steps > longest, len(self))
 
     def second_differences(self) -> Floats:
         """Return weights (t, 3) of the second difference that begins at each image.

@@ -35,7 +35,7 @@ class Status(Enum):
 
 
 def decode_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
-    """Return the statuses of codes (n,) from the C++ kernels, places in `Status`."""
+    """Return the `Status` of each code (n,) of a C++ kernel, its index in `Status`."""
     return tuple(map(tuple(Status).__getitem__, codes.tolist()))
 
 

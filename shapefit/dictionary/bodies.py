@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers, runs
+from shapefit.arrays import Flags, Floats, Integers, split_runs
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
 from shapefit.timeline import ASSUMED_RATE, Timeline
@@ -95,7 +95,7 @@ def weigh_differences(
     is_other = names[1:] != names[:-1]
     is_back = np.diff(numbers) <= 0
     weights = np.zeros((n, 3))
-    for rows in runs(is_other | is_back, n):
+    for rows in split_runs(is_other | is_back, n):
         position = np.asarray(numbers[rows], np.float64)
         weights[rows] = Timeline(position, rate).second_differences()
     return weights
@@ -118,7 +118,7 @@ def find_bone_tolerance(
 def find_lengths(
     shapes: Floats, edges: Integers, sequences: Sequence[str]
 ) -> tuple[Floats, Floats, Integers]:
-    """Return edge lengths (n, e), their means by sequence (s, e), and sequences (n,).
+    """Return edge lengths (n, e), means by sequence (s, e), and sequence indices (n,).
 
     The s sequences are sorted by name; the last array has the index among them of the
     sequence of each shape.

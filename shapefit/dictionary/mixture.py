@@ -87,7 +87,7 @@ class Mixture:
             centre = whiten @ self.means[k].ravel()
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             log_weight = np.log(self.weights[k])
-            for part in parts(x.shape[1]):
+            for part in split_shapes(x.shape[1]):
                 z = whiten @ x[:, part]
                 z -= centre[:, None]
                 np.square(z, out=z)
@@ -269,14 +269,14 @@ def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """
     some = np.flatnonzero(w > MIN_SHAPE_SHARE)
     scatter: Floats = -w.sum() * np.outer(mean, mean)
-    for part in parts(len(some)):
+    for part in split_shapes(len(some)):
         rows = some[part]
         weighted = np.sqrt(w[rows])[:, None] * X[rows]
         scatter += weighted.T @ weighted
     return scatter
 
 
-def parts(n: int) -> Iterator[slice]:
+def split_shapes(n: int) -> Iterator[slice]:
     """Yield slices that divide n shapes, SHAPES_AT_A_TIME at most in each."""
     for first in range(0, n, SHAPES_AT_A_TIME):
         yield slice(first, min(first + SHAPES_AT_A_TIME, n))

@@ -140,7 +140,7 @@ class Dictionary:
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return for each group of optional landmarks the one it depends on, and all.
+        """Return groups of optional landmarks: what each depends on, and its members.
 
         By the text of the group in `WHERE_MARKED`, such as `rankle:rheel,rball,rtoe`.
         """
@@ -234,7 +234,7 @@ class Dictionary:
 
 
 def map_landmarks(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Turn a dictionary of joints x into one of landmarks y = A x + e.
+    """Turn a dictionary of joints x into one of landmarks y = A x + e, e ~ N(0, V).
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 

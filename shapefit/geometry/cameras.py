@@ -51,19 +51,19 @@ Axis = Literal["x", "y", "z"]
 
 
 def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
-    """Project shapes under weak perspective: what a camera far from them sees.
+    """Rotate shapes (..., 3, p) and project them under weak perspective to (..., 2, p).
 
-    W = s [1 0 0; 0 1 0] R S. shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p).
-    s = 1 is the orthographic camera, any other positive s the weak-perspective one.
+    W = s [1 0 0; 0 1 0] R S, which a far camera sees; rotations R (..., 3, 3). s = 1 is
+    the orthographic camera, any other positive s the weak-perspective one.
     Rotations map object frame to camera frame: x right, y up, z towards the viewer.
     """
     return scale * (rotations[..., :2, :] @ shapes)
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """Return object-to-camera rotations (n, 3, 3) for `turns` (n,) of a turntable.
+    """Return object-to-camera rotations (n, 3, 3) at whole turns (n,) of a turntable.
 
-    R = U R_up(2 pi turns): 1 is a whole turn. The object is upright and has turned
+    R = U R_up(2 pi turns). Turns may be fractions. The object is upright and has turned
     about its axis `up`. The camera is level. U brings the axis `up` of the object to y
     of the camera by the shorter way; it is the identity for y. Seen from above the
     object turns anticlockwise.

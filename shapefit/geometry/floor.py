@@ -309,7 +309,7 @@ def _may_rest(
 def _find_leaning(
     body: FilmedBody, rests: NDArray[np.bool_], supports: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return how a body leans, (2,) for each second at rest, and variances (2,).
+    """Return the slopes (2,) of a body's lean in each second at rest, and variances.
 
     Leaning is (d_x, d_z) / d_y of the direction d to its centre of mass from where its
     feet at rest support it: rests (2, n), supports (2, n, 3), centre (n, 3). Each is

@@ -128,19 +128,19 @@ def _ankle(points: Floats, _: Floats) -> Floats:
     return np.asarray(np.pi / 2 - _angle_between(knee - ankle, toe - heel))
 
 
-def _flexion(points: Floats, _: Floats, head: float) -> Floats:
+def _flexion(points: Floats, _: Floats, trunk_sign: float) -> Floats:
     """Return the flexion (n,) in radians of a hip or shoulder: 0 hanging, + forward.
 
     atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point. The first
     two points are left and right of the line about which the limb turns, the next two
-    of the other end of the trunk. head is 1 at the shoulders and -1 at the hips. y is
-    made orthogonal to z, and x = y x z is forward; so the bone may begin at either end
-    of the line.
+    of the other end of the trunk. trunk_sign is 1 at the shoulders and -1 at the hips.
+    y is made orthogonal to z, and x = y x z is forward; so the bone may begin at either
+    end of the line.
     """
     left, right, other_left, other_right, end = points
     z = right - left
     limb = end - left
-    x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
+    x = np.cross(trunk_sign * (left + right - other_left - other_right), z, axis=0)
     y = np.cross(z, x, axis=0)
     forward = _dot(limb, x) / np.sqrt(_dot(x, x))
     along = _dot(limb, y) / np.sqrt(_dot(y, y))
@@ -169,8 +169,8 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 _HIPS = ("lhip", "rhip")
 _SHOULDERS = ("lshoulder", "rshoulder")
-_hip_flexion = partial(_flexion, head=-1.0)
-_shoulder_flexion = partial(_flexion, head=1.0)
+_hip_flexion = partial(_flexion, trunk_sign=-1.0)
+_shoulder_flexion = partial(_flexion, trunk_sign=1.0)
 
 
 def _angles_of_side(side: str) -> tuple[JointAngle, ...]:

@@ -89,7 +89,7 @@ def find_rig(
         for node, length, direction in zip(tree, lengths, at_rest, strict=True)
         if length
     }
-    T = _find_pose(tree, directions, pose or {})
+    T = _find_pose_rotations(tree, directions, pose or {})
     above = [node.above for node in tree[1:]]
     relative = G[above].swapaxes(-1, -2) @ G[1:]
     L = np.concatenate([G[:1], relative])
@@ -165,7 +165,7 @@ def find_bones(tree: Sequence[Node]) -> dict[int, int]:
 
 
 def _find_rest_frame(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most like the median.
+    """Return the index of the frame (f, 3, p) with joints bent most like the median.
 
     How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """
@@ -239,7 +239,7 @@ def _rotate_bone(bone: Floats, following: Sequence[Floats]) -> Floats:
     return Q @ rotation_about(mean, np.angle(z + w))
 
 
-def _find_pose(
+def _find_pose_rotations(
     tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: RestPose
 ) -> Floats:
     """Return the rotations T (m, 3, 3) that turn the bones of each node to a pose.

@@ -104,11 +104,11 @@ def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
 
 
 def undistort(points: Floats, coefficients: Floats) -> Floats:
-    """Return the points (..., 2, p) that a lens without distortion would show.
+    """Undo a lens's distortion of points (..., 2, p) in the image plane at distance 1.
 
-    points (..., 2, p), distorted, in the image plane at distance 1; coefficients (...,
-    8). Newton's method finds them along the path from the axis on which the lens turns
-    nothing over. NaN where there are none: the model bends back before that.
+    coefficients (..., 8). Newton's method finds the points along the path from the axis
+    on which the lens turns nothing over. NaN where there are none: the model bends back
+    before that.
     """
     undistorted = np.array(points, dtype=np.float64)
     size = np.maximum(np.linalg.norm(undistorted, axis=-2), NEGLIGIBLE_LENGTH)
@@ -140,9 +140,9 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
 def distort(
     points: Floats, coefficients: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Distort points (..., 2, p); return them with derivatives dx/dx, dy/dy and dx/dy.
+    """Distort points (..., 2, p) of the image plane at distance 1, with derivatives.
 
-    points lie in the image plane at distance 1; coefficients (..., 8). dx/dy = dy/dx,
+    Returns the points, dx/dx, dy/dy and dx/dy. coefficients (..., 8). dx/dy = dy/dx,
     since the model is the gradient of a function of the plane.
     """
     each = np.moveaxis(coefficients, -1, 0)[..., None]
@@ -166,9 +166,8 @@ def distort(
 
 
 def is_assumed_focal(focal: ArrayLike, size: ArrayLike) -> bool:
-    """Whether focal lengths are the one that is assumed where none is known.
+    """Whether focal lengths are what is assumed for images of this size, in pixels.
 
-    focal lengths and sizes of images, both in pixels, of any shape; the largest of each
-    counts.
+    Both of any shape; the largest of each counts.
     """
     return bool(np.isclose(np.max(focal), ASSUMED_FOCAL * np.max(size)))

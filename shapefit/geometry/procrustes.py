@@ -70,8 +70,8 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     """
     source_middle = source.mean(axis=-1, keepdims=True)
     target_middle = target.mean(axis=-1, keepdims=True)
-    X = np.where(coincide(source)[..., None, None], 0.0, source - source_middle)
-    Y = np.where(coincide(target)[..., None, None], 0.0, target - target_middle)
+    X = np.where(are_coincident(source)[..., None, None], 0.0, source - source_middle)
+    Y = np.where(are_coincident(target)[..., None, None], 0.0, target - target_middle)
     R, scale = _scaled_rotation(X, Y)
     moved_middle = scale[..., None, None] * (R @ source_middle)
     translation = (target_middle - moved_middle)[..., 0]
@@ -123,11 +123,11 @@ def _centred_or_zero(points: Floats, finite: Flags) -> Floats:
     filled = np.where(
         finite[:, None], points, np.take_along_axis(points, first, axis=2)
     )
-    is_one_point = coincide(filled)[:, None, None]
+    is_one_point = are_coincident(filled)[:, None, None]
     return np.where(is_one_point, 0.0, centred(filled, finite))
 
 
-def coincide(points: Floats) -> Flags:
+def are_coincident(points: Floats) -> Flags:
     """Return whether the points of each set (..., d, p) coincide up to rounding, (...).
 
     True for a set without points.

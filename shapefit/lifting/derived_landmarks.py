@@ -56,7 +56,7 @@ def place_dependents(
     depends_on: Integers,
     residual_variance: float,
 ) -> Lifting[PosteriorEstimate]:
-    """Move the dependent landmarks (as feet of ankles) of lifted shapes to the images'.
+    """Move dependent landmarks, as feet, of lifted shapes to where images show them.
 
     The lifting must have covariances, which change too. landmarks (n, 2, p) as
     observed; shown (n, p), which of them are; depends_on (p,), the landmark that each

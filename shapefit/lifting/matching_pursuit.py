@@ -319,9 +319,9 @@ class Search:
 
 
 def least_squares(D: Floats, P: Floats) -> Floats:
-    """Return M (n, 2, 3), the least-squares solution of w = M S of least norm.
+    """Solve w = M S for M (n, 2, 3) by least squares, from D = w S^T and P = S S^T.
 
-    D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    The solution of least norm. D (n, 2, 3), P (n, 3, 3).
     """
     extent, axes = np.linalg.eigh(P)
     has_extent = extent > MIN_EXTENT_SHARE * extent[:, -1:]
@@ -346,10 +346,10 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 
 
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
-    """Return the y (n, m) on a sphere at which a quadratic function is least.
+    """Return the y (n, m) with ||y|| = radius that minimises y^T G y - 2 g^T y.
 
-    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`. G
-    (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
+    Of two the one nearer to `before`. G (n, m, m) symmetric, g and before (n, m). (G +
+    multiplier I) y = g, that matrix
     positive semidefinite: at the largest root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,

@@ -121,7 +121,7 @@ def alternate_from_mean(
     signed: bool = False,
     threads: int = 0,
 ) -> AtomEstimate:
-    """Fit shape and rotation by turns, from the pose of the mean shape.
+    """Fit shape and rotation alternately, from the pose of the mean shape.
 
     Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate"). The
     paper has one start; with more, the pose that fits best is the one to begin at.
@@ -161,9 +161,10 @@ def _alternate_or_restart(
     signed: bool,
     threads: int,
 ) -> AtomEstimate:
-    """Alternate from `starts`; where no atom fits there, from the mean shape's pose.
+    """Fit shape and rotation alternately from `starts`, else from the mean's pose.
 
-    Without coefficients there is no rotation to go on from, though another one may fit.
+    That is where no atom fits from `starts`: without coefficients there is no rotation
+    to go on from, though another one may fit.
     """
     first = _alternate(problem, starts, signed=signed, threads=threads)
     assert first.coefficients is not None
@@ -186,7 +187,7 @@ def _alternate_or_restart(
 def _alternate(
     problem: Problem, starts: Floats, *, signed: bool, threads: int
 ) -> AtomEstimate:
-    """Return the estimate that alternation from starts (n, s, 3, 3) finds."""
+    """Fit shape and rotation alternately from the rotations `starts` (n, s, 3, 3)."""
     end = alternate(problem, starts, signed=signed, threads=threads)
     return describe_shapes(
         problem,
@@ -339,7 +340,7 @@ def alternate(
     max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
-    """Fit coefficients and one rotation by turns, from given rotations: local minima.
+    """Fit coefficients and one rotation alternately from given rotations: local minima.
 
     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over Rbar
     Rbar^T = I (paper, eq. originalnoisy, with weights and translation). Each round

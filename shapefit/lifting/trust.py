@@ -319,7 +319,7 @@ def expected_error(
 
 
 def _without_similarities(S: Floats, C: Floats) -> Floats:
-    """Return the covariance (n, p, 3, 3) of each landmark, without similarities.
+    """Return covariances (n, p, 3, 3) of landmarks, similarities projected out of C.
 
     The blocks of P C P on its diagonal, see `expected_error`. With orthonormal
     directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T + Q (Q^T C Q)

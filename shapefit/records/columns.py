@@ -247,7 +247,7 @@ def complete(record: Items) -> None:
 
 
 def in_columns(points: Floats) -> Floats:
-    """Return points (n, p, d) as (n, d, p), one landmark a column, also in memory.
+    """Return points (n, p, d) as a contiguous (n, d, p), one landmark a column.
 
     Sums round by the order in memory: what is computed must not depend on who made the
     array.
@@ -264,7 +264,7 @@ def present_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
 
 
 def take_rows(record: Items, rows: NDArray[np.integer] | slice) -> dict[str, object]:
-    """Return by name the fields of a record that have rows for items, of `rows` alone.
+    """Return the item-wise fields of a record for the items `rows` alone, by name.
 
     For `replace`; transforms go with their image.
     """

@@ -21,7 +21,7 @@ def order_by_frame(
     """
     if sequences is None or frames is None:
         return None
-    which, places = _places(sequences, frames)
+    which, places = _number_sequences(sequences, frames)
     together = np.argsort(which, kind="stable")
     same = np.diff(which[together]) == 0
     if not (same & (np.diff(places[together]) < 0)).any():
@@ -38,7 +38,7 @@ def check_frames(
     """Raise InputError at the place where a sequence has two items in one frame."""
     if sequences is None or frames is None:
         return
-    which, places = _places(sequences, frames)
+    which, places = _number_sequences(sequences, frames)
     order = np.lexsort((places, which))
     again = (np.diff(which[order]) == 0) & (np.diff(places[order]) == 0)
     for row in np.flatnonzero(again).tolist():
@@ -48,7 +48,7 @@ def check_frames(
             raise input_error(place, problem, "keep one pose of a body per frame")
 
 
-def _places(
+def _number_sequences(
     sequences: Sequence[str], frames: Integers
 ) -> tuple[NDArray[np.intp], Integers]:
     """Return the number of the sequence (n,) and the frame (n,) of each item.

@@ -138,10 +138,11 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
 
 
 def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
-    """Return a verdict, `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`, for a deep class.
+    """Return the verdict on depth: `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`.
 
-    gain: log evidence a landmark beyond a flat model; half_distance: of shapes learned
-    from each half of the images, in sizes of a shape; see `Judgement`.
+    Of a class that is not flat. gain: log evidence a landmark beyond a flat model;
+    half_distance: of shapes learned from each half of the images, in sizes of a shape;
+    see `Judgement`.
     """
     deforms = np.sqrt(model.covariance.trace()) / np.linalg.norm(model.mean)
     is_deep = gain > DEEP_GAIN
@@ -187,9 +188,9 @@ def flat_evidence(images: Images) -> float:
 
 
 def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
-    """Learn the flat model: all views the same but for a roll by the angles (n,).
+    """Learn the flat model: all views the same but for a roll by `angle` (n,).
 
-    W (n, 2, p): the landmarks, hidden ones filled in.
+    angle, in radians; W (n, 2, p): the landmarks, hidden ones filled in.
     """
     views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
     start = first_state(images, W, views)
@@ -219,7 +220,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return the mean distance of learned shapes from those learned from half of them.
+    """Return the mean distance of shapes from those learned from half of the images.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where

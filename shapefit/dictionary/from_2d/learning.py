@@ -363,7 +363,7 @@ def maximise_class(
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
-    """Return the mean (sequences,) of the values (n,) of each sequence, from 0 on."""
+    """Return the means of values (n,) by sequence, of the numbers `sequence` (n,)."""
     count = np.maximum(np.bincount(sequence), 1)
     means: Floats = np.bincount(sequence, values) / count
     return means
@@ -372,10 +372,11 @@ def sequence_means(values: Floats, sequence: Indices) -> Floats:
 def complete_landmarks(
     images: Images, rank: int, *, seek_outliers: bool = False
 ) -> tuple[Floats, Flags]:
-    """Return landmarks (n, 2, p), centred and filled in, and which are outliers (n, p).
+    """Fill in hidden landmarks by factors; return all, centred, and outliers (n, p).
 
-    Those that are hidden or outliers are where a matrix of `rank` leading factors has
-    them. Outliers are sought only with `seek_outliers`, by turns with the factors.
+    The landmarks (n, 2, p) that are hidden or outliers are where a matrix of `rank`
+    leading factors has them. Outliers are sought only with `seek_outliers`, by turns
+    with the factors.
     """
     w = images.landmarks
     is_there = images.weights > 0

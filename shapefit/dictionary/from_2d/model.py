@@ -328,17 +328,17 @@ def _add_slopes_of_size(
     information[:, 3, 3] += 1 / model.size_variance
 
 
-def find_flip_gain(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
+def find_flip_gain(residuals: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
     """Return the log density gained (n, p) by changing a landmark to outlier or back.
 
-    An inlier becomes an outlier, an outlier an inlier. left (n, 2, p): residuals; H (n,
-    p, 2, 2): their covariance; v (n, p): variances; visible (n, p): the inliers.
+    An inlier becomes an outlier, an outlier an inlier. residuals (n, 2, p), their
+    covariance H (n, p, 2, 2), variances v (n, p); visible (n, p): the inliers.
     """
     sign = np.where(visible, -1 / v, 1 / v)
     A = np.eye(2) + sign[..., None, None] * H
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
-    a = left[:, 0]
-    b = left[:, 1]
+    a = residuals[:, 0]
+    b = residuals[:, 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
     alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
     alone += np.where(visible, 0.5, -0.5) * np.log(size)
@@ -349,10 +349,10 @@ def find_flip_gain(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats
 
 
 def change_inliers(images: Images, flip_gain: Floats) -> Flags:
-    """Return outliers (n, p) after the label of one landmark of each image has changed.
+    """Flip the label of the landmark of each image that gains most; return outliers.
 
-    The one that gains most log density, if any gains. At least half of the landmarks
-    that are seen stay inliers.
+    (n, p). It is the one that gains most log density, if any gains. At least half of
+    the landmarks that are seen stay inliers.
     """
     visible = images.visible
     is_there = images.weights > 0
@@ -446,7 +446,7 @@ def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
 
 
 def hide_some(visible: Flags) -> Flags:
-    """Choose a tenth of the seen landmarks (n, p) at random, to be hidden.
+    """Choose a tenth of the visible landmarks (n, p) at random, to be hidden.
 
     None of an image that would show three or fewer. Always the same ones.
     """

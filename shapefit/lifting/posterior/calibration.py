@@ -112,13 +112,13 @@ def hide_in_turn(
     )
 
 
-def _kappa_of_landmark(square: Floats) -> float:
+def _kappa_of_landmark(squared_mahalanobis: Floats) -> float:
     """Return the factor kappa by which the variances of one landmark are too small.
 
-    square (n,): its squared Mahalanobis distances d^2 (see above) where it was hidden,
+    squared_mahalanobis (n,): its squared distances d^2 (see above) where it was hidden,
     else nan. nan for fewer than `MIN_PREDICTIONS`.
     """
-    known = square[np.isfinite(square)]
+    known = squared_mahalanobis[np.isfinite(squared_mahalanobis)]
     if len(known) < MIN_PREDICTIONS:
         return np.nan
     return float(np.quantile(known, NOMINAL_SHARE) / CHI2_QUANTILE)

@@ -345,7 +345,7 @@ def convert_to_pinhole(
 
 
 def find_residual_variance(problem: Problem, residual_variance: float) -> Floats:
-    """Return the variance v / omega^2 (n, p) of landmarks that the prior leaves.
+    """Return the variance v / omega^2 (n, p) of landmarks that no shape explains.
 
     omega are the weights; in the unit of shapes, inf where a landmark is hidden.
     """

@@ -147,9 +147,9 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floa
 
 
 def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
-    """Return excess and share of variance of distances in images of `count` landmarks.
+    """Compare distances of drawn images with chi^2: excess of mean, ratio of variance.
 
-    Both as in `draw_table`, found by drawing images. The distance x is compared with y,
+    Of images of `count` landmarks, see `draw_table`. The distance x is compared with y,
     that from what is expected at the true view and component, which is chi^2 with f = 2
     count - 2 degrees of freedom (a control variate): with b the slope of x over y, and
     z = x - b (y - f), the mean of x is that of z and its variance Var z + 2 f b^2. With
@@ -236,9 +236,9 @@ def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
-    """Return squared Mahalanobis distances (n,) of images from what they are drawn of.
+    """Return squared Mahalanobis distances (n,) of drawn images by their true states.
 
-    That of the component and the view of which each was drawn.
+    These are the component and the view of which each was drawn.
     """
     k, R, w, shown = drawn
     n = len(k)

@@ -37,7 +37,7 @@ from shapefit.arrays import (
     Integers,
     finite_median,
     median,
-    runs,
+    split_runs,
 )
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
@@ -324,7 +324,7 @@ def split_into_clips(sequences: Sequence[str]) -> list[slice]:
     """
     values = np.array(sequences, dtype=object)
     slices = []
-    for sequence in runs(values[1:] != values[:-1], len(values)):
+    for sequence in split_runs(values[1:] != values[:-1], len(values)):
         frames = sequence.stop - sequence.start
         pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):
@@ -395,7 +395,7 @@ class Inference:
         motion: BodyMotion,
         refined: RefinedClips,
     ) -> None:
-        """Prepare a clip, whose images are `informative` (t,) and `is_finite` (t,)."""
+        """Prepare the inference of a clip, of images `informative` and `is_finite`."""
         self.clips = clips
         self.clip = clip
         self.informative = informative
@@ -424,7 +424,10 @@ class Inference:
         *,
         rigid: bool = True,
     ) -> Smoothed:
-        """Infer the frames of a timeline, by default all, with rigid bones or none."""
+        """Infer the shapes of the frames of a timeline, by default all of the clip.
+
+        Bones are rigid, or there are none.
+        """
         motion = self.motion
         if timeline is None:
             timeline = self.timeline
@@ -448,9 +451,9 @@ class Inference:
         return smooth(visible, model, self.sigma)
 
     def relative_sizes(self, visible: Observations) -> Floats:
-        """Return the size of bones in the stretch of each frame (t,), 1 on the median.
+        """Return the size of bones (t,) in each frame's stretch, over the median size.
 
-        1 too for a stretch that is too short.
+        1 for a stretch that is too short.
         """
         sizes = np.array(
             [self._size_in(visible, stretch) for stretch in self.stretches]
@@ -603,7 +606,7 @@ def smooth_log_scale(
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
-    """Weigh the usual lengths more, as errors of so many frames are correlated.
+    """Raise the precision of usual lengths for `frames` frames of correlated errors.
 
     Their precision becomes (1 + r^2 t) Q; None for None. What t images say of the
     lengths has the variance P (1 / t + r^2), as their deviations have the share r in
@@ -641,7 +644,7 @@ def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
 
 
 def observe_clip(clips: Clips, clip: slice, unit: float) -> Observations:
-    """Return the observations of a clip, in units of `unit` units of the landmarks."""
+    """Return the observations of a clip, its lengths divided by `unit`."""
     is_finite = np.isfinite(clips.scale[clip])
     relative_scale = np.where(is_finite, clips.scale[clip], unit) / unit
     centre = np.where(is_finite[:, None], clips.centre[clip], 0.0) / unit

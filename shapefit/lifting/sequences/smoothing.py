@@ -179,7 +179,7 @@ class Observations:
         )
 
     def in_larger_unit(self, factor: Floats) -> Observations:
-        """Return the observations with larger units of frames, by a factor (t,)."""
+        """Return the observations with lengths divided by a factor (t,), per frame."""
         g = factor[:, None, None]
         d = self.mean.shape[2]
         return replace(
