@@ -78,7 +78,7 @@ class Coverage(TypedDict):
     median_width: dict[str, float]
 
 
-def find_squares(
+def measure_error_bars(
     estimate: Floats,
     truth: Floats,
     rotation: Floats,

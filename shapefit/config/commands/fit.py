@@ -246,7 +246,7 @@ def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
 
 
 def keys_of_priors(fit: FitConfig) -> list[str]:
-    """Return the keys of a config that only methods with a prior have."""
+    """Return the keys that a config sets and only methods with a prior have."""
     keys = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
     if "skeleton" in fit.model_fields_set and fit.skeleton is not None:
         keys.append("skeleton")

@@ -14,7 +14,7 @@ from shapefit.arrays import Flags, Floats, Indices
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError, abbreviate, input_error, listed
 from shapefit.evaluation import metrics as m
-from shapefit.evaluation.calibration import ErrorBars, find_squares
+from shapefit.evaluation.calibration import ErrorBars, measure_error_bars
 from shapefit.evaluation.metrics import (
     METRICS,
     MIN_COMMON_LANDMARKS,
@@ -304,7 +304,7 @@ def _find_bars(
     if correlation is not None:
         correlation = correlation.take(matched.columns, axis=2)
     square, width = in_blocks(
-        find_squares,
+        measure_error_bars,
         matched.estimate,
         matched.true,
         data["true_rotation"],
