@@ -249,7 +249,7 @@ class _NodeReader:
         return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
 
     def read(self, node: Node, location: Location) -> object:
-        """Return the value of a node; `location` is the path of keys that leads to it.
+        """Return the plain value of a YAML node, found at `location`, a path of keys.
 
         Raises InputError for tags and repeated keys, ValueError for too many values.
         """

@@ -40,7 +40,7 @@ def part_name(number: int) -> str:
 
 
 def part_number(file: str) -> int:
-    """Return the number of a part by the name of its file."""
+    """Return the number of a part from the name of its file."""
     return int(file.removeprefix("part-").removesuffix(".h5"))
 
 

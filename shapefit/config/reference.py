@@ -32,7 +32,7 @@ class KeyInWords(NamedTuple):
 
 
 def describe_keys(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
-    """Describe in words each key of a model but `data`, or of one section of it.
+    """Describe in words each key of a model except `data`, or of one section of it.
 
     Raises InputError where there is no such section.
     """

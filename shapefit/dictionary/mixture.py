@@ -98,7 +98,7 @@ class Mixture:
 
 
 def widen(mixture: Mixture, factor: float) -> Mixture:
-    """Return the mixture with covariances times a factor."""
+    """Return the mixture with its covariances multiplied by a factor."""
     return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
 
 
@@ -184,7 +184,7 @@ def _without_empty_components(mixture: Mixture, n: int) -> Mixture:
 def maximise(
     X: Floats, share: Floats, G: Floats, kappa: float, floor: float
 ) -> Mixture:
-    """Return the likeliest mixture if components have these shares (n, K) of shapes.
+    """Return the likeliest mixture for shares (n, K) of its components in shapes X.
 
     The maximisation step. X (n, d), the shapes as rows; G, kappa and floor: see above.
     """
@@ -204,7 +204,7 @@ def maximise(
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
-    """Return log pi_k + E log N(x_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
+    """Return log pi_k + E log N(X_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
 
     The log densities of shapes X (n, d) that have an error of the variance `floor`.
     """
@@ -263,7 +263,7 @@ def _draw_seeds(X: Floats, k: int) -> Floats:
 
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
-    """Return the scatter matrix sum_n w_n (x_n - mean) (x_n - mean)^T (d, d).
+    """Return the scatter matrix sum_n w_n (X_n - mean) (X_n - mean)^T (d, d).
 
     X (n, d), weights w (n,); mean (d,) must be the weighted mean of X.
     """

@@ -274,7 +274,7 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
-    """Describe in one line how far depth was learned by a dictionary from 2D landmarks.
+    """Describe in one line how well a dictionary learned depth from 2D landmarks.
 
     No line for a dictionary learned from 3D shapes.
     """

@@ -127,7 +127,7 @@ def measure_error_bars(
 
 
 def _raise_to_floor(sd: Floats) -> Floats:
-    """Return deviations (n, 3, p), raised to a tiny share of the image's largest."""
+    """Raise deviations `sd` (n, 3, p) to a tiny share of each image's largest."""
     largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
     floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)
     return floored

@@ -186,7 +186,7 @@ class TypicalShape(NamedTuple):
 
 
 def look_of(place: int) -> Look:
-    """Return colour, dash and marker of the method with the index `place` of all."""
+    """Return colour, dash and marker of the method with the index `place`."""
     turn, colour = divmod(place, len(COLOURS))
     again = turn % len(DASHES)
     return Look(COLOURS[colour], DASHES[again], MARKERS[again])

@@ -390,7 +390,7 @@ def inline_svg(name: str, svg: str, title: str) -> str:
 
 
 def _as_part(name: str, tag: str) -> str:
-    """Return a tag of an SVG with the page's colours, and its ids after `name`."""
+    """Return a tag of an SVG in the colours of the page, its ids prefixed by `name`."""
     for colour, of_page in RECOLOURED.items():
         tag = tag.replace(colour, f"var(--{of_page})")
     tag = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', tag)

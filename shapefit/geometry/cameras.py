@@ -61,7 +61,7 @@ def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> 
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """Return object-to-camera rotations (n, 3, 3) at whole turns (n,) of a turntable.
+    """Return object-to-camera rotations (n, 3, 3) for whole turns (n,) about axis `up`.
 
     R = U R_up(2 pi turns). Turns may be fractions. The object is upright and has turned
     about its axis `up`. The camera is level. U brings the axis `up` of the object to y

@@ -26,7 +26,7 @@ class Similarity(NamedTuple):
     translation: Floats
 
     def apply(self, points: Floats) -> Floats:
-        """Return points (..., 3, p) scaled, turned and moved."""
+        """Return points (..., 3, p) scaled, rotated and translated."""
         turned = self.rotation @ points
         return self.scale[..., None, None] * turned + self.translation[..., None]
 

@@ -109,9 +109,10 @@ def _noise_of_differences(
 
 
 def _kalman_gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
-    """Return the Kalman gain K (n, 3a, 2a) from residuals in x and y to x, y and z.
+    """Return the Kalman gain K (n, 3a, 2a) at the covariance C and the noise R.
 
-    C (n, 3p, 3p), R (n, 2a, 2a); dependent (3a,): rows of C of the a landmarks.
+    By which residuals in x and y move x, y and z. C (n, 3p, 3p), R (n, 2a, 2a);
+    dependent (3a,): rows of C of the a landmarks.
     """
     q = R.shape[1]
     rest = np.setdiff1d(np.arange(C.shape[1]), dependent)
@@ -126,7 +127,7 @@ def _kalman_gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
 def _covariance_of_placed(
     C: Floats, K: Floats, R: Floats, a: Indices, b: Integers
 ) -> Floats:
-    """Return the covariance (n, 3p, 3p) after landmarks `a` were placed from `b`.
+    """Return C (n, 3p, 3p) after landmarks `a` were placed from `b`, by the gain K.
 
     T C T^T + K R K^T, see above.
     """
@@ -144,12 +145,15 @@ def _covariance_of_placed(
 
 
 def combine_landmarks(
-    rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
+    rows: Floats,
+    shapes: Floats,
+    covariance: Floats | None,
+    added_sd: Floats | float = 0.0,
 ) -> Points:
     """Return q weighted sums of landmarks, with standard deviations and correlations.
 
     rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which no
-    errors are known. sd (q,): standard deviation that a point has besides.
+    errors are known. added_sd (q,): standard deviation that a point has besides.
     """
     points = shapes @ rows.T
     if covariance is None:
@@ -165,7 +169,7 @@ def combine_landmarks(
         return block
 
     variance = np.maximum(np.stack([combined(a, a) for a in range(3)], axis=1), 0.0)
-    deviation: Floats = np.sqrt(variance + np.square(sd))
+    deviation: Floats = np.sqrt(variance + np.square(added_sd))
     with np.errstate(divide="ignore", invalid="ignore"):
         of_pairs = [
             combined(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS

@@ -191,9 +191,9 @@ class Search:
     """
 
     def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
-        """Begin with the mean, the first of shapes B (s, 3, p) with limbs (s, l).
+        """Begin to fit w (n, 2, p) by the mean, the first of shapes B (s, 3, p).
 
-        w (n, 2, p) and B are centred and multiplied by the weights.
+        limbs (s, l); w and B are centred and multiplied by the weights.
         """
         n = len(w)
         self.w = w
@@ -288,10 +288,11 @@ class Search:
         return Z, N
 
     def fit_camera(self, rows: Indices, y: Floats, Z: Floats, N: Floats) -> None:
-        """Fit rotations and scales of the images `rows` to S = sum_i y_i Q_i, in place.
+        """Fit rotations and scales of images `rows` to sum_i y_i Q_i of moments Z, N.
 
-        R is nearest to argmin_M ||w - M S||^2. The rotation stays where it fits better
-        than that, so that no error rises. Z and N as `moments` returns them.
+        In place. With S that sum R is nearest to argmin_M ||w - M S||^2. The rotation
+        stays where it fits better than that, so that no error rises. Z and N as
+        `moments` returns them.
         """
         D = np.einsum("nm,nmab->nab", y, Z)
         yy = (y[:, :, None] * y[:, None]).reshape(len(y), 1, -1)
@@ -306,7 +307,7 @@ class Search:
         self.error[rows] = np.maximum(left, 0.0)
 
     def mix(self, M: Floats, y: Floats, Z: Floats, N: Floats) -> Floats:
-        """Return the coefficients y (n, m) that fit best at the cameras M (n, 2, 3).
+        """Return the best coefficients y (n, m) for cameras M (n, 2, 3), moments Z, N.
 
         argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length; of two the one nearer to
         the given y. Z and N as `moments` returns them.
@@ -332,10 +333,10 @@ def least_squares(D: Floats, P: Floats) -> Floats:
 
 
 def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """Return the best scales (n, 2) of x and y, and how much they lower the error (n,).
+    """Return the scales s (n, 2) that minimise ||w - diag(s) R S||^2, and gains (n,).
 
-    argmin_{s >= 0} ||w - diag(s) R S||^2, and how far that is below ||w||^2. R (n, 2,
-    3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    s >= 0; the gain is how far the minimum is below ||w||^2. R (n, 2, 3), rows of
+    rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
     """
     overlap = np.maximum((D * R).sum(axis=2), 0.0)
     extent = (R @ P * R).sum(axis=2)

@@ -373,7 +373,7 @@ def alternate(
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
-    """Return the one rotation (n, 3, 3) nearest to all transforms of each image.
+    """Return the one rotation (n, 3, 3) nearest to all transforms M of each image.
 
     argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, nan
     where all M_i are 0: the projection on the deformable Stiefel manifold. For a given

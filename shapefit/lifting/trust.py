@@ -319,7 +319,7 @@ def expected_error(
 
 
 def _without_similarities(S: Floats, C: Floats) -> Floats:
-    """Return covariances (n, p, 3, 3) of landmarks, similarities projected out of C.
+    """Return covariances (n, p, 3, 3) of landmarks: C without similarities of S.
 
     The blocks of P C P on its diagonal, see `expected_error`. With orthonormal
     directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T + Q (Q^T C Q)
@@ -339,7 +339,7 @@ def _without_similarities(S: Floats, C: Floats) -> Floats:
 
 
 def _directions_of_similarities(S: Floats) -> Floats:
-    """Return the directions (n, 3p, 7) in which similarities move shapes (n, 3, p)."""
+    """Return directions (n, 3p, 7) in which similarities move shapes S (n, 3, p)."""
     n, _, p = S.shape
     x, y, z = (S - S.mean(axis=2, keepdims=True)).transpose(1, 0, 2)
     zero = np.zeros_like(x)

@@ -237,7 +237,7 @@ def objective(
     total: Floats,
     program: CertifiedProgram,
 ) -> tuple[Floats, Floats]:
-    """Return the objective P (n,) of projected shapes, and the size of its terms (n,).
+    """Return the objective P (n,) of projections X moved by T, and its scale (n,).
 
     X (n, 2, p), the projections, at the translations T (n, 2); total (n,), the sum of
     the norms of transforms. Differences are to be compared with the size: P and the

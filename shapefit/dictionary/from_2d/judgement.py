@@ -187,25 +187,25 @@ def flat_evidence(images: Images) -> float:
     return max(rolled.objective - price, upright.objective)
 
 
-def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
+def flat_state(images: Images, landmarks: Floats, angle: Floats) -> ClassState:
     """Learn the flat model: all views the same but for a roll by `angle` (n,).
 
-    angle, in radians; W (n, 2, p): the landmarks, hidden ones filled in.
+    angle, in radians; landmarks (n, 2, p), hidden ones filled in.
     """
-    views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
-    start = first_state(images, W, views)
+    views = Views(rotation_about_axis(2, angle), np.zeros(len(landmarks)))
+    start = first_state(images, landmarks, views)
     *_, flat = improve(images, start, JUDGED_ROUNDS, turning=False)
     return flat
 
 
-def roll_angles(W: Floats) -> Floats:
+def roll_angles(landmarks: Floats) -> Floats:
     """Return the angles (n,) in radians by which images are rolled in their plane.
 
-    From their mean; W (n, 2, p), the landmarks, hidden ones filled in.
+    From their mean; landmarks (n, 2, p), hidden ones filled in.
     """
-    z = W[:, 0] + 1j * W[:, 1]
+    z = landmarks[:, 0] + 1j * landmarks[:, 1]
     mean = z[0]
-    angle: Floats = np.zeros(len(W))
+    angle: Floats = np.zeros(len(landmarks))
     for _ in range(ROLL_ROUNDS):
         angle = np.angle(z @ mean.conj())
         mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)
@@ -220,7 +220,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return the mean distance of shapes from those learned from half of the images.
+    """Return the mean distance of learned shapes from those of half the images alone.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where

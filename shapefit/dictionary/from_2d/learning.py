@@ -154,12 +154,12 @@ def learn_class(images: Images) -> Iterator[ClassState]:
     yield from improve(images, first)
 
 
-def run_trial(images: Images, W: Floats, views: Views) -> ClassState:
+def run_trial(images: Images, landmarks: Floats, views: Views) -> ClassState:
     """Learn for `TRIAL_ROUNDS` rounds from these views, and return the last state.
 
-    W (n, 2, p): the landmarks, hidden ones filled in.
+    landmarks (n, 2, p): the landmarks, hidden ones filled in.
     """
-    state = first_state(images, W, views)
+    state = first_state(images, landmarks, views)
     for k in range(TRIAL_ROUNDS):
         state = learn_round(images, state, hold=k < HELD_ROUNDS)
     return state
@@ -205,17 +205,17 @@ def improve(
             return
 
 
-def first_state(images: Images, W: Floats, views: Views) -> ClassState:
+def first_state(images: Images, landmarks: Floats, views: Views) -> ClassState:
     """Return the first state of learning: the rigid model of landmarks in these views.
 
-    W (n, 2, p): the landmarks, hidden ones filled in.
+    landmarks (n, 2, p): the landmarks, hidden ones filled in.
     """
-    n, _, p = W.shape
+    n, _, p = landmarks.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
-    solution = np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0]
+    solution = np.linalg.lstsq(A.reshape(2 * n, 3), landmarks.reshape(2 * n, p))[0]
     mean = np.asarray(solution, np.float64)
     mean = mean - mean.mean(axis=1, keepdims=True)
-    left = max(float(((W - A @ mean) ** 2).mean()), EXACT_NOISE**2)
+    left = max(float(((landmarks - A @ mean) ** 2).mean()), EXACT_NOISE**2)
     model = Gaussian(
         mean=mean,
         modes=np.zeros((3, p, 0)),
@@ -339,7 +339,7 @@ def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
 def maximise_class(
     images: Images, model: Gaussian, expectation: Expectation
 ) -> Gaussian:
-    """Return the likeliest model for the expected moments of shapes of the images.
+    """Return the likeliest model, given the expected moments of the shapes of images.
 
     Its noise falls to `MIN_NOISE_FACTOR` of that of the model before at most.
     """
@@ -363,7 +363,7 @@ def maximise_class(
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
-    """Return the means of values (n,) by sequence, of the numbers `sequence` (n,)."""
+    """Return the means of values (n,) by sequence, a number in `sequence` (n,)."""
     count = np.maximum(np.bincount(sequence), 1)
     means: Floats = np.bincount(sequence, values) / count
     return means
@@ -412,14 +412,14 @@ def fill_hidden(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floa
     return W - W.mean(axis=2, keepdims=True), middle
 
 
-def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
+def find_views(landmarks: Floats, ranks: tuple[int, ...]) -> list[Views]:
     """Return the views of all images by factorisation, one set for each rank.
 
-    W (n, 2, p): landmarks, centred, hidden ones filled in; ranks: numbers of factors,
+    landmarks (n, 2, p), centred, hidden ones filled in; ranks: numbers of factors,
     ascending, 3 or more.
     """
-    n, _, p = W.shape
-    U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
+    n, _, p = landmarks.shape
+    U = np.linalg.svd(landmarks.reshape(2 * n, p), full_matrices=False)[0]
     views = []
     L = (U * np.sqrt(2 * n / 3)).reshape(n, 2, -1)
     Q = rigid_upgrade(L[:, :, :3])

@@ -269,13 +269,13 @@ def _log_density(
     views: Views,
     model: Gaussian,
     projected: _Projected,
-    U: Floats,
-    alpha: Floats,
+    root: Floats,
+    weighted_residuals: Floats,
 ) -> Floats:
     """Return the log density (n,) of the images and of the sizes of their views."""
     visible = images.visible
-    log_density = -0.5 * (projected.r * alpha).sum(axis=(1, 2))
-    log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
+    log_density = -0.5 * (projected.r * weighted_residuals).sum(axis=(1, 2))
+    log_density += np.log(np.einsum("nqq->nq", root)).sum(axis=1)
     log_density -= np.where(visible, np.log(2 * np.pi * projected.v), 0.0).sum(axis=1)
     outliers = ((images.weights > 0) & ~visible).sum(axis=1)
     log_density += OUTLIER_LOG_DENSITY * outliers
@@ -286,31 +286,35 @@ def _log_density(
 
 
 def _residual_variance(
-    images: Images, projected: _Projected, gain: Floats, left: Floats, H: Floats
+    images: Images,
+    projected: _Projected,
+    gain: Floats,
+    residuals: Floats,
+    covariance: Floats,
 ) -> Floats:
     """Return the expected error omega^2 E |e|^2 (n,), summed over visible landmarks."""
     omega = images.weights
     share = np.where(images.visible, 1 - gain, 0.0)
-    squares = (left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1]
+    squares = (residuals**2).sum(axis=1) + covariance[..., 0, 0] + covariance[..., 1, 1]
     of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * projected.rest
     return np.asarray(of_landmark.sum(axis=1))
 
 
 def _slopes(
-    views: Views, model: Gaussian, projected: _Projected, U: Floats, moved: Floats
+    views: Views, model: Gaussian, projected: _Projected, root: Floats, slope: Floats
 ) -> tuple[Floats, Floats]:
     """Return gradient (n, 4) and information (n, 4, 4) of log densities by the views.
 
-    moved (n, 2, 3): the derivative of the log density by s P R.
+    slope (n, 2, 3): the derivative of the log density by s P R.
     """
     n = len(projected.s)
     B, u = projected.B, projected.u
     turned = np.einsum("oca,nai->noci", VIEW_MOTIONS, views.rotation)
     D = projected.s[:, None, None, None] * turned
-    gradient = np.einsum("noci,nci->no", D, moved)
+    gradient = np.einsum("noci,nci->no", D, slope)
     J = (D.reshape(-1, 3) @ model.mean).reshape(n, VIEW_DIRECTIONS, B.shape[1])
     uJ = J * np.tile(u, 2)[:, None]
-    JB = uJ @ B @ U
+    JB = uJ @ B @ root
     information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
     return gradient, information
 
@@ -328,19 +332,21 @@ def _add_slopes_of_size(
     information[:, 3, 3] += 1 / model.size_variance
 
 
-def find_flip_gain(residuals: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
+def find_flip_gain(
+    residuals: Floats, covariance: Floats, variance: Floats, visible: Flags
+) -> Floats:
     """Return the log density gained (n, p) by changing a landmark to outlier or back.
 
     An inlier becomes an outlier, an outlier an inlier. residuals (n, 2, p), their
-    covariance H (n, p, 2, 2), variances v (n, p); visible (n, p): the inliers.
+    covariance (n, p, 2, 2) and variance (n, p); visible (n, p): the inliers.
     """
-    sign = np.where(visible, -1 / v, 1 / v)
-    A = np.eye(2) + sign[..., None, None] * H
+    sign = np.where(visible, -1 / variance, 1 / variance)
+    A = np.eye(2) + sign[..., None, None] * covariance
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
     a = residuals[:, 0]
     b = residuals[:, 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
-    alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
+    alone = -0.5 * square / (size * variance) - np.log(2 * np.pi * variance)
     alone += np.where(visible, 0.5, -0.5) * np.log(size)
     gained: Floats = np.where(
         visible, OUTLIER_LOG_DENSITY - alone, alone - OUTLIER_LOG_DENSITY

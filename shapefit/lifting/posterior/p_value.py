@@ -98,10 +98,10 @@ def find_p_values(
 
 
 def moments_at(table: Floats, scale: float) -> Floats:
-    """Return the moments (c, 3) of a p-value table (t, 4) at a scale of the prior.
+    """Interpolate the moments (c, 3) of a p-value table (t, 4) at a scale of the prior.
 
-    Interpolated linearly in the logarithm of the scale, which is the first column of
-    the table and left out; beyond its scales as at the nearest.
+    Linearly in the logarithm of the scale, which is the first column of the table and
+    left out; beyond its scales as at the nearest.
     """
     # without counts np.unique imports masked arrays, which takes time
     scales, _ = np.unique(table[:, 0], return_counts=True)
@@ -124,7 +124,7 @@ def with_p_value_table(dictionary: Dictionary) -> Dictionary:
 
 
 def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floats:
-    """Return the p-value table (t, 4): moments of distances of images of the prior.
+    """Return the p-value table (t, 4): moments of distances of images drawn.
 
     They are found by drawing images. Columns: scale of the prior; landmarks seen,
     ascending; excess, how much larger its mean is than 2 b - 6 for b inliers; share of

@@ -317,7 +317,7 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split_into_clips(sequences: Sequence[str]) -> list[slice]:
-    """Return the slices of images that are refined together.
+    """Return slices of images to refine together: of one sequence, not too many.
 
     Equal neighbours in `sequences` (n,), divided where they are more than
     MAX_CLIP_FRAMES.
@@ -395,7 +395,7 @@ class Inference:
         motion: BodyMotion,
         refined: RefinedClips,
     ) -> None:
-        """Prepare the inference of a clip, of images `informative` and `is_finite`."""
+        """Prepare a clip's inference; flags of its images: `informative`, `is_finite`."""
         self.clips = clips
         self.clip = clip
         self.informative = informative

@@ -269,11 +269,11 @@ def smooth(
 
 
 def remaining_precision(visible: Observations, noise: float) -> Floats:
-    """Return q (1/sigma^2 - 1/v) (t, 2p): precisions of landmarks that posteriors lack.
+    """Return the precisions (t, 2p) of landmarks that the images' posteriors left out.
 
-    The posterior of an image took its landmarks with the variance v; where their noise
-    sigma is smaller, this is the precision still to be added. noise is sigma; 0 where
-    it is above sqrt(v).
+    q (1/sigma^2 - 1/v). The posterior of an image took its landmarks with the variance
+    v; where their noise sigma is smaller, this is the precision still to be added.
+    noise is sigma; 0 where it is above sqrt(v).
     """
     remaining = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
     precision: Floats = remaining * np.tile(visible.trust, (1, 2))
