@@ -395,7 +395,7 @@ class Inference:
         motion: BodyMotion,
         refined: RefinedClips,
     ) -> None:
-        """Prepare a clip's inference; flags of its images: `informative`, `is_finite`."""
+        """Prepare the inference of a clip, with flags of its images (t,)."""
         self.clips = clips
         self.clip = clip
         self.informative = informative
