@@ -83,7 +83,7 @@ def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float
     return count / seconds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Timeline:
     """The images of one sequence: position (t,) in frames, which rises, and their rate
     in Hz.

@@ -45,7 +45,7 @@ class ProblemArrays(TypedDict):
     lam: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """The convex program of n images, one for each.
 

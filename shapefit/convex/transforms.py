@@ -25,7 +25,7 @@ class TransformArrays(TypedDict):
     blocks: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Transforms:
     """The transforms M (n, k, 2, 3) of n images, as a list of blocks that are not 0.
 

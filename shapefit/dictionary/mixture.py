@@ -35,7 +35,7 @@ MIN_SHAPE_SHARE = 1e-15
 """Of a shape in a component, below which it adds nothing to the covariance; most do."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mixture:
     """A mixture of Gaussians over shapes x: p(x) = sum_k pi_k N(x; mu_k, C_k).
 

@@ -34,7 +34,7 @@ between the groups.
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Dictionary:
     """k atoms B_i, each a centred (3, p) shape on the scale of normalised shapes.
 

@@ -46,7 +46,7 @@ PATH_STATIONS = 17
 """Points from the axis on at which a lens is checked not to bend back."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
     """The pinhole cameras of n images: u = centre + focal X_xy / (sign X_z).
 

@@ -138,7 +138,7 @@ def _in_time(records: Items, numbered: bool, name: str) -> Items:
     if order is not None:
         records = records.take(order)
     rate = find_rate(records.frames, records.times)
-    return replace(records, frame_rate=rate)
+    return records if rate == records.frame_rate else replace(records, frame_rate=rate)
 
 
 def _read_unordered(path: Path, kind: str) -> Items:

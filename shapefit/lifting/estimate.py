@@ -22,7 +22,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConvexProof:
     """What proves the optimum of the convex program for n images, in normalised units.
 
@@ -44,7 +44,7 @@ class ConvexProof:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Estimate:
     """What every method estimates of n images, in normalised units.
 
@@ -84,7 +84,7 @@ class Estimate:
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AtomEstimate(Estimate):
     """What methods estimate that combine atoms, without a prior over shapes.
 
@@ -100,7 +100,7 @@ class AtomEstimate(Estimate):
     tight: Flags | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PosteriorEstimate(Estimate):
     """What methods estimate that weigh landmarks against a prior over shapes.
 

@@ -75,7 +75,7 @@ class Program(NamedTuple):
     noise: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PerspectiveView:
     """Where the shapes of n images are before a perspective camera.
 
@@ -88,7 +88,7 @@ class PerspectiveView:
     camera: Camera
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Lifting(Generic[E]):
     """What lifting n images gives: shapes in the units of the landmarks, and the rest.
 

@@ -185,8 +185,11 @@ def as_kind(column: Column, value: object) -> Array | Texts:
         numbers = np.asarray(value)
         return numbers if numbers.dtype.kind == "f" else numbers.astype(np.float32)
     if column.kind == Floats:
+        numbers = np.asarray(value)
+        if numbers.dtype == np.float64:
+            return numbers
         with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
-            return np.asarray(value, np.float64)
+            return numbers.astype(np.float64)
     return _as_whole_numbers(np.asarray(value), np.int64 if column.is_integer else bool)
 
 
@@ -220,30 +223,50 @@ def complete(record: Items) -> None:
     Raises InputError for what is no array of numbers, and for other shapes.
     """
     sizes: dict[str, int] = {}
-    points = type(record).POINTS
-    # The points say how many items and landmarks there are, and the rest must agree.
-    columns = sorted(columns_of(type(record)), key=lambda one: one.field != points)
-    for column in columns:
+    for column in _points_first(type(record)):
         value = getattr(record, column.field)
         if value is None or (column.kind == Texts and not len(value)):
             continue
-        field = column.field
-        place = field if field == points else f"{points}.{field}"
         try:
             converted = as_kind(column, value)
         except (TypeError, ValueError):
-            raise input_error(
-                place, f"is no array of {column.noun}", f"give {column.noun}"
-            ) from None
-        shape = np.shape(converted) if isinstance(converted, np.ndarray) else ()
-        if isinstance(converted, tuple):
-            shape = (len(converted),)
-        expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
+            fault = f"is no array of {column.noun}"
+            fix = f"give {column.noun}"
+            raise input_error(_place_of(column, record), fault, fix) from None
+        shape: tuple[int, ...] = (len(converted),)
+        if isinstance(converted, np.ndarray):
+            shape = converted.shape
+        sizes_before = dict(sizes)
         if not match_axes(column.axes, shape, sizes):
+            expected = tuple(sizes_before.get(str(axis), axis) for axis in column.axes)
             row = ", one landmark per row" if column.axes[-2:-1] == ("p",) else ""
             fix = f"it must be {expected}".replace("'", "") + row
-            raise input_error(place, f"has the shape {shape}", fix)
-        object.__setattr__(record, field, converted)
+            fault = f"has the shape {shape}"
+            raise input_error(_place_of(column, record), fault, fix)
+        if converted is not value:
+            object.__setattr__(record, column.field, converted)
+
+
+_POINTS_FIRST: dict[type, tuple[Column, ...]] = {}
+
+
+def _points_first(cls: type[Items]) -> tuple[Column, ...]:
+    """Return the columns of a class of records, its points before the others.
+
+    The points say how many items and landmarks there are, and the rest must agree.
+    """
+    if cls not in _POINTS_FIRST:
+        columns = columns_of(cls)
+        _POINTS_FIRST[cls] = tuple(
+            sorted(columns, key=lambda column: column.field != cls.POINTS)
+        )
+    return _POINTS_FIRST[cls]
+
+
+def _place_of(column: Column, record: Items) -> str:
+    """Return what a field of a record is called in messages."""
+    points = type(record).POINTS
+    return points if column.field == points else f"{points}.{column.field}"
 
 
 def in_columns(points: Floats) -> Floats:

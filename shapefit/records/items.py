@@ -109,11 +109,13 @@ class Items:
         """Return some items, in the order of `rows`; a slice copies nothing."""
         if not isinstance(rows, slice):
             rows = np.arange(len(self))[rows]
+        elif rows.indices(len(self)) == (0, len(self), 1):
+            return self
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:
         """Return the record with these fields changed; None takes a field out."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+        return replace(self, **changes) if changes else self  # type: ignore[arg-type]
 
     def as_columns(self) -> Floats:
         """Return the points as (n, d, p), one landmark a column, see `in_columns`."""

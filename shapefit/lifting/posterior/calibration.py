@@ -51,7 +51,7 @@ second one or fewer, others in every image.
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HiddenInTurn:
     """What the hidden landmarks of a sample show of the error bars of its file.
 

@@ -110,7 +110,7 @@ def make_image_posterior(
     return posterior.with_limbs()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PosteriorFamily:
     """Lift to the posterior mean under a prior over shapes, with error bars and trust.
 
