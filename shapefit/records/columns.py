@@ -264,7 +264,7 @@ def _points_first(cls: type[Items]) -> tuple[Column, ...]:
 
 
 def _place_of(column: Column, record: Items) -> str:
-    """Return what a field of a record is called in messages."""
+    """Return the name of a field in messages, such as `landmarks.confidence`."""
     points = type(record).POINTS
     return points if column.field == points else f"{points}.{column.field}"
 
