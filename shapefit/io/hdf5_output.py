@@ -41,7 +41,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.options import RecordWriter
-from shapefit.records.columns import Array, held_columns
+from shapefit.records.columns import Array, present_columns
 from shapefit.records.items import Items
 
 CHUNK_BYTES = 1 << 18
@@ -361,7 +361,7 @@ def _as_stored(
         return {}, _dictionary_as_stored(record)
     rows = dict(record.extras)
     whole = dict(record.file_extras)
-    for column, value in held_columns(record):
+    for column, value in present_columns(record):
         stored = np.asarray(value, object) if column.is_text else np.asarray(value)
         if column.per_item:
             rows[column.name] = stored
