@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.timeline import Timeline, place_in_time
+from shapefit.timeline import Timeline, find_rate, place_in_time
 
 PLACES = [
     (None, None, [0, 1, 2, 3]),
@@ -39,6 +39,86 @@ def test_few_images_have_a_place(count):
     numbered = place_in_time(frames, frames / 10, 10.0, count)
     assert unnumbered.tolist() == [0.0] * count
     assert numbered.tolist() == [0.0] * count
+
+
+def rate_of(seconds_per_frame, count=98, decimals=4, start=0.0):
+    """Find the rate of frames in a row, whose times are rounded."""
+    frames = np.arange(count)
+    times = start + seconds_per_frame * frames
+    return find_rate(frames, times.round(decimals))
+
+
+@pytest.mark.parametrize("rate", [1.0, 24.0, 25.0, 30.0, 60.0, 120.0, 240.0])
+@pytest.mark.parametrize("decimals", [6, 9])
+def test_times_of_a_rate_in_use_say_it_exactly(rate, decimals):
+    assert rate_of(1 / rate, decimals=decimals) == rate
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 120.0])
+def test_times_that_are_rounded_say_the_rate_by_all_of_their_steps(rate):
+    """At 30 Hz most steps are 0.0333 s, which is 30.03 Hz."""
+    assert rate_of(1 / rate, decimals=4) == rate
+
+
+@pytest.mark.parametrize("whole", [24, 30, 60, 120])
+def test_a_rate_of_television_is_told_from_the_whole_one(whole):
+    seconds = 1.001 / whole
+    found = rate_of(seconds, decimals=6)
+    assert found == pytest.approx(1 / seconds, rel=1e-9)
+
+
+@pytest.mark.parametrize(("late", "seconds"), [(-1, 0.01), (5, 0.036)])
+def test_a_frame_that_is_late_does_not_change_the_rate(late, seconds):
+    """By a quarter of a step, or by most of one."""
+    frames = np.arange(10)
+    times = frames / 25
+    times[late] += seconds
+    assert find_rate(frames, times) == 25.0
+
+
+def test_a_rate_that_is_not_in_use_is_that_of_all_steps():
+    """Most steps are 0.0379 s, which is 26.385 Hz."""
+    assert rate_of(1 / 26.4, decimals=4) == pytest.approx(26.4, rel=1e-4)
+
+
+def test_in_a_long_recording_a_rate_near_one_in_use_is_another():
+    """At 59.98 Hz a frame and a half is lost in 5000; in 500, too little to tell."""
+    assert rate_of(1 / 59.98, count=5000, decimals=9) == pytest.approx(59.98)
+    assert rate_of(1 / 59.98, count=500, decimals=9) == 60.0
+
+
+def test_a_clock_that_starts_late_has_the_same_rate():
+    assert rate_of(1 / 25, start=3600.0) == 25.0
+
+
+def test_missing_frames_and_times_do_not_change_the_rate():
+    frames = np.array([3, 4, 5, 9, 10, 40, 41])
+    times = frames / 25
+    times[[1, 4]] = np.nan
+    assert find_rate(frames, times) == 25.0
+
+
+def test_a_pause_of_the_clock_does_not_change_the_rate():
+    """Before frame 5, for a minute."""
+    frames = np.arange(10)
+    times = frames / 25 + 60.0 * (frames >= 5)
+    assert find_rate(frames, times) == 25.0
+
+
+@pytest.mark.parametrize(
+    ("frames", "times"),
+    [
+        (None, [0.0, 0.1]),
+        ([0, 1], None),
+        ([], []),
+        ([0], [0.0]),
+        ([0, 1, 2], [0.0, np.nan, np.nan]),
+        ([0, 1, 2], [2.0, 2.0, 1.0]),  # a clock that stands still and goes back
+        ([3, 3, 3], [0.0, 0.1, 0.2]),
+    ],
+)
+def test_some_times_say_no_rate(frames, times):
+    assert find_rate(array_or_none(frames), array_or_none(times)) is None
 
 
 @pytest.mark.parametrize(
