@@ -181,11 +181,11 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
     farther = evidence.places * np.array([1.0, 1.0, 1 + distance_sd])
     change = _fit_plane(foot_sd, evidence._replace(places=farther))[0] - abg
     covariance += np.outer(change, change)
-    floor = _make_floor(abg, covariance)
+    floor = make_floor(abg, covariance)
     return None if floor.height_sd > MAX_HEIGHT_SD * stature else floor
 
 
-def _make_floor(abg: Floats, covariance: Floats) -> Floor:
+def make_floor(abg: Floats, covariance: Floats) -> Floor:
     """Make the floor a x + y + b z + g = 0 from (a, b, g) and their covariance (3, 3).
 
     abg (3,); x, y, z in metres in the camera's frame. Standard deviations are

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.geometry.floor import ABOVE_FLOOR, FilmedBody, Floor, find_floor
+from shapefit.geometry.floor import (
+    ABOVE_FLOOR,
+    STATURE_SD,
+    FilmedBody,
+    Floor,
+    find_floor,
+    make_floor,
+)
 from tests.geometry.filmed_bodies import (
     ANKLES,
     JOINTS,
@@ -214,6 +221,53 @@ def test_bars_hold(rng):
         is_inside.append(np.abs(found - camera) < 1.645 * bars)
     held = np.mean(is_inside, axis=0)
     assert (held > 0.8).all(), held
+
+
+class TestFloorOfAPlane:
+    """The plane a x + y + b z + g = 0, steep to both sides."""
+
+    ABG = np.array([0.5, -0.7, 1.6])
+    KNOWN = np.zeros((3, 3))
+
+    @pytest.fixture
+    def floor(self):
+        return make_floor(self.ABG, self.KNOWN)
+
+    def test_up_is_a_direction_across_it(self, floor):
+        a, b, _ = self.ABG
+        along_x = [1.0, -a, 0.0]
+        along_z = [0.0, -b, 1.0]
+        assert np.linalg.norm(floor.up) == pytest.approx(1)
+        assert_allclose(floor.up @ np.transpose([along_x, along_z]), 0, atol=1e-12)
+        assert floor.up[1] > 0
+
+    def test_its_points_are_at_height_0(self, floor, rng):
+        a, b, g = self.ABG
+        x, z = rng.uniform(-3, 3, (2, 20))
+        points = np.stack([x, -(a * x + b * z + g), z])
+        _, heights, _ = floor.in_floor_frame(points)
+        assert_allclose(heights, 0, atol=1e-12)
+
+    def test_tilts_are_those_of_its_lines_across_and_ahead(self, floor):
+        a, b, _ = self.ABG
+        assert np.tan(np.radians(floor.roll)) == pytest.approx(a)
+        assert np.tan(np.radians(floor.pitch)) == pytest.approx(b)
+
+    def test_deviations_are_those_of_draws(self, rng):
+        """Of planes, and of the size of bodies."""
+        root = 0.01 * np.array([[3.0, 0, 0], [0.5, 2, 0], [-2, 2, 1]])
+        draws = self.ABG + rng.standard_normal((4000, 3)) @ root.T
+        floors = [make_floor(abg, self.KNOWN) for abg in draws]
+        sizes = 1 + STATURE_SD * rng.standard_normal(4000)
+
+        found = make_floor(self.ABG, root @ root.T)
+
+        heights = sizes * [floor.height for floor in floors]
+        pitch_sd = np.std([floor.pitch for floor in floors])
+        roll_sd = np.std([floor.roll for floor in floors])
+        assert found.height_sd == pytest.approx(heights.std(), rel=0.05)
+        assert found.pitch_sd == pytest.approx(pitch_sd, rel=0.05)
+        assert found.roll_sd == pytest.approx(roll_sd, rel=0.05)
 
 
 def test_it_says_so_in_a_line():
