@@ -8,6 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
 from shapefit.evaluation.metrics import similarity_error
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting import trust
 from shapefit.lifting.trust import (
     MEASURED_ERROR_SHARE,
     contradicts_dictionary,
@@ -33,9 +35,10 @@ GOOD = {
 }
 
 
-def reason_of(**changes) -> str:
+def reason_of(sides=0.0, *, depth_ambiguity=False, **changes) -> str:
     case = {name: np.array([value]) for name, value in (GOOD | changes).items()}
-    (reason,) = find_reasons(*case.values())
+    options = {"sides": np.array([sides]), "depth_ambiguity": depth_ambiguity}
+    (reason,) = find_reasons(*case.values(), **options)
     return str(reason)
 
 
@@ -56,6 +59,12 @@ def reason_of(**changes) -> str:
         ({"shape": np.zeros((3, 4))}, "large expected error"),
         ({"shape": 5 * CUBE, "expected": 1.52}, ""),
         ({"seen": 3, "p_value": 0.0, "expected": 9.0}, "too few landmarks seen"),
+        ({"sides": 1.0}, ""),
+        ({"sides": np.nan}, "left and right change places"),
+        ({"sides": np.nan, "expected": 9.0}, "large expected error"),
+        ({"depth_ambiguity": True}, "near and far not told apart"),
+        ({"depth_ambiguity": True, "expected": 9.0}, "near and far not told apart"),
+        ({"depth_ambiguity": True, "p_value": 0.0}, "implausible landmarks"),
     ],
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
@@ -172,6 +181,39 @@ def test_the_expected_error_is_that_of_draws(rng, root_of):
 
     mean = found / MEASURED_ERROR_SHARE
     assert mean == pytest.approx(measured, rel=0.08, abs=2e-3)
+
+
+def draw_estimates(rng, n):
+    """Draw shapes (n, 3, P) and full covariances of their coordinates."""
+    shapes = rng.standard_normal((n, 3, P))
+    roots = 0.02 * rng.standard_normal((n, 3 * P, 3 * P))
+    return shapes, roots @ roots.swapaxes(1, 2)
+
+
+@pytest.mark.parametrize("at_once", [2, 3, 100])
+def test_the_expected_error_of_an_image_does_not_depend_on_others(
+    rng, monkeypatch, at_once
+):
+    monkeypatch.setattr(trust, "IMAGES_AT_ONCE", at_once)
+    shapes, covariances = draw_estimates(rng, 7)
+
+    together = expected_error(shapes, covariances)
+
+    rows = [slice(row, row + 1) for row in range(7)]
+    alone = [expected_error(shapes[row], covariances[row]) for row in rows]
+    assert_allclose(together, np.concatenate(alone))
+
+
+def test_the_expected_error_turns_moves_and_grows_with_the_shape(rng):
+    shapes, covariances = draw_estimates(rng, 3)
+    turn = random_rotations(3, rng)
+    of_coordinates = np.kron(turn, np.eye(P))
+    moved = 2.5 * turn @ shapes + rng.standard_normal((3, 3, 1))
+    turned = of_coordinates @ covariances @ of_coordinates.swapaxes(1, 2)
+
+    found = expected_error(moved, 2.5**2 * turned)
+
+    assert_allclose(found, 2.5 * expected_error(shapes, covariances))
 
 
 def test_what_is_not_finite_has_no_expected_error():
