@@ -132,6 +132,29 @@ def test_the_span_does_not_depend_on_the_size_of_atoms(rng, size):
     assert basis.shape == (P, 20)
 
 
+@pytest.mark.parametrize("size", [1e-8, 1.0, 1e8])
+def test_independence_does_not_depend_on_the_size_of_rows(rng, size):
+    independent = size * rng.normal(size=(20, P))
+    one_too_many = size * rows_of_rank(rng, 20, 19)
+    assert span.are_independent(independent)
+    assert not span.are_independent(one_too_many)
+
+
+def test_a_basis_reduces_what_is_weighted_and_centred(rng):
+    """Nothing of the atoms is lost, and nothing of the translation is left."""
+    rows = rng.normal(size=(9, P))
+    weights = rng.choice([0.0, 0.5, 1.0], size=P)
+
+    basis = span.find_basis(span.orthonormalise(rows), weights)
+
+    share = weights**2 / (weights**2).sum()
+    seen = weights * (rows - (rows @ share)[:, None])
+    assert basis.shape == (P, 10)
+    assert_allclose(basis.T @ basis, np.eye(10) - 0.1, atol=1e-12)
+    assert_allclose(seen @ basis @ basis.T, seen, atol=1e-10)
+    assert_allclose(weights @ basis, 0, atol=1e-12)
+
+
 def test_atoms_that_are_zero_span_nothing():
     basis = span.find_row_space(np.zeros((300, P)), 100)
     assert basis.shape == (P, 0)

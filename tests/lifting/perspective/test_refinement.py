@@ -199,16 +199,48 @@ class TestObjective:
         assert other.cost >= found.objective[image] * (1 - 1e-6)
 
 
-def test_what_is_far_away_starts_where_it_is(rng, atoms):
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_is_far_away_starts_where_it_is(rng, atoms, sign):
+    """By what is seen: hidden landmarks may be anywhere, or nowhere."""
     shape = atoms[0] + [[3], [1], [2]]
-    t = np.array([[5.0, -4.0, 2000.0]])
+    t = np.array([[50.0, -40.0, sign * 20_000.0]])
+    R = random_rotations(1, rng)
+    camera = Camera(np.array([[2.0, 3.0]]), np.array([[0.4, -0.3]]), sign)
+    landmarks = project_pinhole(camera, R @ shape + t[..., None])
+    weights = rng.uniform(0.3, 1.5, (1, P))
+    weights[:, :2] = 0.0
+    landmarks[..., 0] += 7.0
+    landmarks[..., 1] = np.nan
+
+    start = place_in_depth(landmarks, weights, shape, camera, R)
+
+    assert_allclose(start, t, rtol=1e-3)
+
+
+@pytest.fixture
+def one_place(rng, atoms):
+    """A camera, a shape with its rotation, and landmarks that are all in one place."""
+    camera = Camera(np.ones((1, 2)), np.zeros((1, 2)), 1.0)
+    landmarks = np.full((1, 2, P), 0.25)
+    return landmarks, np.ones((1, P)), atoms[0], camera, random_rotations(1, rng)
+
+
+def test_landmarks_in_one_place_start_nowhere(one_place):
+    start = place_in_depth(*one_place)
+    assert not np.isfinite(start).any()
+
+
+def test_a_rotation_that_does_not_fit_starts_within_ten_times_the_depth(rng, atoms):
+    """Turned by half a turn in the image, all lies on the other side."""
+    t = np.array([[0.0, 0.0, 2000.0]])
     R = random_rotations(1, rng)
     camera = Camera(np.ones((1, 2)), np.zeros((1, 2)), 1.0)
-    landmarks = project_pinhole(camera, R @ shape + t[..., None])
+    landmarks = project_pinhole(camera, R @ atoms[0] + t[..., None])
+    opposite = np.diag([-1.0, -1.0, 1.0]) @ R
 
-    start = place_in_depth(landmarks, np.ones((1, P)), shape, camera, R)
+    start = place_in_depth(landmarks, np.ones((1, P)), atoms[0], camera, opposite)
 
-    assert_allclose(start, t, rtol=5e-4)
+    assert start[0, 2] == pytest.approx(20_000, rel=0.01)
 
 
 def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(
