@@ -66,6 +66,9 @@ def test_images_with_too_few_visible_landmarks_are_degenerate(few_visible):
     assert_array_equal(np.isnan(solution.relative_gap), lost)
     assert_array_equal(np.isnan(solution.residual), lost)
     assert not solution.transforms.dense()[lost].any()
+    assert not solution.translation[lost].any()
+    assert not solution.dual[lost].any()
+    assert not solution.errors[lost].any()
 
 
 def test_images_beside_degenerate_ones_do_not_feel_them(few_visible):
