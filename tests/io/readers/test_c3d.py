@@ -17,7 +17,7 @@ def c3d(tmp_path):
     """
     ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
 
-    def write(labels=("knee", "ankle"), n=4, channels=0, **lists):
+    def write(labels=("knee", "ankle"), n=4, channels=0, trial=None, **lists):
         file = ezc3d.c3d()
         parameters = file["parameters"]["POINT"]
         parameters["LABELS"]["value"] = list(labels)
@@ -25,6 +25,8 @@ def c3d(tmp_path):
         parameters["RATE"]["value"] = [100.0]
         for name, value in lists.items():
             file.add_parameter("POINT", name, value)
+        for name, value in (trial or {}).items():
+            file.add_parameter("TRIAL", name, value)
         coordinates = np.arange(3.0 * len(labels) * n).reshape(3, len(labels), n)
         coordinates[:, -1, 2] = np.nan
         homogeneous = np.ones((4, len(labels), n))
@@ -223,16 +225,74 @@ def test_frames_that_only_the_header_announces_are_none(c3d, check_points):
     assert notes == ()
 
 
-def test_frames_that_header_and_parameters_announce_are_none(c3d, check_points):
+def announce(path, count):
+    """Let the header and the parameters of points announce so many frames."""
+    changed(path, FRAMES_OF_HEADER, 1, count)
+    changed(path, place_of(path, b"POINT", b"FRAMES") + 4, count)
+
+
+def test_frames_that_only_the_parameters_announce_are_none(c3d, check_points):
     path, points = c3d(n=29)
-    changed(path, FRAMES_OF_HEADER, 1, 1149)
-    changed(path, place_of(path, b"FRAMES") + 4, 1149)
+    changed(path, place_of(path, b"POINT", b"FRAMES") + 4, 1149)
+    shapes, notes = load_shapes(path)
+    check_points(shapes, points / 1000)
+    assert notes == ()
+
+
+REVERSED = {"ACTUAL_START_FIELD": [29, 0], "ACTUAL_END_FIELD": [1, 0]}
+"""A trial whose last frame is before its first."""
+
+
+@pytest.mark.parametrize("trial", [None, REVERSED])
+def test_frames_that_header_and_parameters_announce_are_none(c3d, check_points, trial):
+    path, points = c3d(n=29, trial=trial)
+    announce(path, 1149)
+    start = 512 * (path.read_bytes()[16] - 1)
     data_section = 29 * 2 * 16
-    without_padding = path.read_bytes()[: 1536 + data_section]
+    without_padding = path.read_bytes()[: start + data_section]
     path.write_bytes(without_padding)
     shapes, notes = load_shapes(path)
     check_points(shapes, points / 1000)
     assert any("1120 frames are announced in the header" in note for note in notes)
+
+
+ACTUAL_FIELDS = [
+    ([1, 0], [60, 0]),
+    ([65_530, 0], [53, 1]),  # to 65 589, in two halves
+    ([3, 2], [62, 2]),
+]
+"""The first and the last of 60 frames, as the group TRIAL states them."""
+
+
+@pytest.mark.parametrize(("first", "last"), ACTUAL_FIELDS)
+def test_frames_are_those_of_the_trial_where_other_counts_are_too_small(
+    c3d, check_points, first, last
+):
+    """As those of long recordings are, which two bytes cannot count."""
+    trial = {"ACTUAL_START_FIELD": first, "ACTUAL_END_FIELD": last}
+    path, points = c3d(n=60, trial=trial)
+    announce(path, 20)
+    shapes, notes = load_shapes(path)
+    check_points(shapes, points / 1000)
+    assert notes == ()
+
+
+@pytest.mark.parametrize(
+    "trial",
+    [
+        {"ACTUAL_START_FIELD": [1, 0]},
+        {"ACTUAL_START_FIELD": [1], "ACTUAL_END_FIELD": [60]},
+        REVERSED,
+    ],
+)
+def test_a_trial_without_both_ends_says_nothing(c3d, check_points, trial):
+    path, points = c3d(n=60, trial=trial)
+    shapes, notes = load_shapes(path)
+    check_points(shapes, points / 1000)
+    assert notes == ()
+    announce(path, 20)
+    with pytest.raises(InputError, match=r"its data section has .* bytes, and 20 fra"):
+        load_shapes(path)
 
 
 def test_a_header_whose_frames_and_parameters_whose_channels_are_wrong(
@@ -331,6 +391,14 @@ def test_numbers_of_a_mips_processor_are_refused(tmp_path):
     write_whole_numbers(path, MIPS)
     fault = r"of a MIPS processor.; save it in the order of"
     with pytest.raises(InputError, match=fault):
+        load_shapes(path)
+
+
+def test_counts_below_and_beyond_the_frames_that_there_are_are_refused(c3d):
+    path, _ = c3d(n=29)
+    changed(path, FRAMES_OF_HEADER, 1, 1149)
+    changed(path, place_of(path, b"POINT", b"FRAMES") + 4, 5)
+    with pytest.raises(InputError, match=r"its data section has .* bytes, and 5 fra"):
         load_shapes(path)
 
 
