@@ -75,5 +75,5 @@ class TestUnpacked:
     )
     def test_one_byte_more_is_refused(self, packed, most):
         inputs.check_unpacked("t.csv.gz", most, packed)
-        with pytest.raises(InputError, match="of it become .* or more; unpack it"):
+        with pytest.raises(InputError, match=r"of it become .* or more; unpack it"):
             inputs.check_unpacked("t.csv.gz", most + 1, packed)

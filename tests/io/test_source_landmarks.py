@@ -73,6 +73,37 @@ def test_wrong_values_of_a_later_batch_are_named_by_their_row(
     assert line.startswith(f"{path}:/landmarks[3]: landmark 'foot' is (inf, ")
 
 
+def test_some_landmarks_are_kept_in_their_order(tmp_path, landmarks):
+    path = tmp_path / "a.h5"
+    save(path, landmarks)
+    last, *_, first = landmarks.landmark_names
+    columns = [-1, 0]
+
+    with open_landmarks([path], InputOptions(landmarks=(first, last))) as source:
+        images = source.whole()
+
+    assert images.landmark_names == (first, last)
+    assert_array_equal(images.landmarks, landmarks.landmarks[:, columns])
+    assert_array_equal(images.confidence, landmarks.confidence[:, columns])
+    assert images.items == landmarks.items
+
+
+WRONG_CHOICES = [
+    (("foot", "nose"), "nose"),
+    (("foot", "foot"), "landmarks: a name is there twice; name each landmark once"),
+]
+
+
+@pytest.mark.parametrize(("chosen", "fault"), WRONG_CHOICES)
+def test_landmarks_to_keep_must_be_there_and_named_once(
+    tmp_path, landmarks, problems, chosen, fault
+):
+    path = tmp_path / "a.h5"
+    save(path, landmarks)
+    (line,) = problems(open_landmarks, [path], InputOptions(landmarks=chosen))
+    assert fault in line
+
+
 def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
     path = tmp_path / "a.h5"
     save(path, landmarks)

@@ -378,6 +378,20 @@ def test_an_image_without_a_shape_says_so(failed, box_faces):
     assert set(marks(panel)) == {"observed"}
 
 
+def test_that_there_is_no_shape_stands_in_the_middle(failed, box_faces):
+    """Of the panel, however far from the origin the landmarks are."""
+    (panel,) = contact_sheet([failed], DrawnModel("down", box_faces)).axes
+    (words,) = panel.texts
+    box = panel.get_window_extent()
+    extent = words.get_window_extent()
+    low, high = (extent.corners() - box.corners()[0])[[0, 3]] / box.size
+    assert low[0] > 0
+    assert high[0] < 1
+    assert (low + high)[0] / 2 == pytest.approx(0.5, abs=0.01)
+    assert low[1] < 0.6
+    assert high[1] > 0.4
+
+
 @pytest.fixture
 def no_warnings():
     with warnings.catch_warnings():

@@ -124,6 +124,22 @@ def test_what_is_an_outlier_in_most_images_that_show_it_has_no_growth_of_its_own
     assert found.predictions == N * (P - 1) + 24 * has_own
 
 
+@pytest.mark.parametrize(("inlier", "seen"), [(0.1, P), (0.9, 1)])
+def test_without_landmarks_to_predict_nothing_is_known(case, inlier, seen):
+    """Where all are outliers, and where no other landmark is seen."""
+    weights = np.ones((N, P))
+    weights[:, seen:] = 0.0
+    inliers = np.where(weights > 0, inlier, np.nan)
+
+    found = case.hide(weights=weights, inliers=inliers)
+
+    assert found.predictions == 0
+    assert np.isnan([found.kappa, found.inside]).all()
+    assert found.by_landmark.shape == (P,)
+    assert np.isnan(found.by_landmark).all()
+    assert (found.growth(1.5) == 1).all()
+
+
 @pytest.mark.parametrize("confidence", [0.1, 0.3])
 def test_a_landmark_of_little_confidence_may_be_farther_off(case, rng, confidence):
     """By as much as its noise is more: a deviation over the confidence."""

@@ -218,8 +218,16 @@ def test_a_film_of_other_frames_is_refused(refused):
     refused(FILMS / "constant.mp4", fault, n=3, frames=frames)
 
 
+SIZE = (FILMS / "constant.mp4").stat().st_size
+
+
+def test_a_film_may_have_as_many_bytes_as_a_page_holds(walk, monkeypatch):
+    monkeypatch.setattr(film, "MAX_FILM_BYTES", SIZE)
+    assert "film" in walk(FILMS / "constant.mp4").data
+
+
 def test_a_film_that_is_too_large_for_a_page_is_refused(refused, monkeypatch):
-    monkeypatch.setattr(film, "MAX_FILM_BYTES", 1000)
+    monkeypatch.setattr(film, "MAX_FILM_BYTES", SIZE - 1)
     fault = r"a page holds 0; .* -vf scale=960:-2 -crf 28"
     refused(FILMS / "constant.mp4", fault)
 

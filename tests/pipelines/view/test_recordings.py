@@ -130,6 +130,23 @@ def test_files_of_one_recording_are_individuals_of_one_layer(two_men):
     assert_allclose(layer["points"], expected)
 
 
+@pytest.mark.parametrize("shared", [0, 2])
+def test_files_of_an_item_of_the_same_name_are_layers_each(desk, shared):
+    """One layer could show it once alone."""
+    files = []
+    for name in ("anna", "emil"):
+        items = [f"{name}/{number}" for number in range(3)]
+        items[shared] = "both"
+        fields = {"items": items, "sequences": (name,) * 3, "frames": np.arange(3)}
+        path = desk.folder / f"{name}.h5"
+        files.append(write_truth(path, desk.shapes(3), **fields))
+
+    page = desk.scene(*files)
+
+    assert page["recordings"] == [[0, 1]]
+    assert [layer["name"] for layer in page["layers"]] == ["anna", "emil"]
+
+
 def test_individuals_of_one_layer_have_joint_angles(two_men):
     _, page = two_men
     (layer,) = page["layers"]

@@ -11,6 +11,7 @@ from shapefit.errors import InputError
 from shapefit.io import write_dictionary
 from shapefit.pipelines.view.run import write_page as run
 from shapefit.pipelines.view.scene import make_scene
+from tests.pipelines.view.conftest import write_truth
 
 
 def layer_names(made):
@@ -45,6 +46,41 @@ def test_edges_of_a_result_are_shown(desk):
     edges = np.array([[0, 4]])
     made = desk.view(desk.result(extras={"edges": edges}))
     assert made.data["edges"] == edges.tolist()
+
+
+OF_DICTIONARY = [[0, 1]]
+OF_TRUTH = [[1, 2]]
+OF_SHAPES = [[2, 3]]
+OF_RESULT = [[3, 4]]
+
+
+@pytest.fixture
+def with_edges(desk):
+    """Return what views a result with others, each with edges of its own."""
+    result = desk.result(extras={"edges": np.array(OF_RESULT)})
+    shapes = write_truth(
+        desk.folder / "shapes.h5", desk.shapes(6), edges=np.array(OF_SHAPES)
+    )
+    truth = desk.truth(edges=np.array(OF_TRUTH))
+
+    def edges_with(*, shapes_too=False, truth_too=False, **settings):
+        files = [result, shapes] if shapes_too else [result]
+        if truth_too:
+            settings["truth"] = (truth,)
+        return desk.scene(*files, **settings)["edges"]
+
+    return edges_with
+
+
+def test_edges_are_of_the_dictionary_before_the_truth_before_shapes(
+    with_edges, dictionary_file
+):
+    assert with_edges() == OF_RESULT
+    assert with_edges(shapes_too=True) == OF_SHAPES
+    assert with_edges(truth_too=True) == OF_TRUTH
+    assert with_edges(shapes_too=True, truth_too=True) == OF_TRUTH
+    assert with_edges(truth_too=True, dictionary=dictionary_file) == OF_DICTIONARY
+    assert with_edges(shapes_too=True, dictionary=dictionary_file) == OF_DICTIONARY
 
 
 def test_a_file_of_landmarks_has_what_was_observed(desk):
