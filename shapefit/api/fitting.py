@@ -293,7 +293,7 @@ def _landmarks_of_array(
     else:
         poses = poses_of_array(place, points)
     images, _ = landmarks_of(poses, input_options(config))
-    return images.replaced(y_axis=config.y_axis or images.y_axis)
+    return images
 
 
 def _lift(

@@ -77,7 +77,6 @@ def atoms_of(dictionary: Dictionary) -> Shapes:
         items=dictionary.atom_items or tuple(numbers),
         unit=UNKNOWN_UNIT if sizes is None else dictionary.unit,
         edges=dictionary.edges,
-        mirror_index=dictionary.mirror_index,
         mesh_vertices=None if vertices is None else vertices.swapaxes(1, 2),
         mesh_faces=None if vertices is None else dictionary.mesh_faces,
     )

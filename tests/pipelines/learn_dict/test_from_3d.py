@@ -236,6 +236,14 @@ def test_more_atoms_than_shapes_are_refused_where_they_are_set(make, shapes):
         make(shapes, k=64)
 
 
+@pytest.mark.parametrize("method", ["exemplars", "pca-bases"])
+def test_atoms_that_are_not_coded_are_not_counted(make, shapes, method):
+    """k is that of sparse coding alone."""
+    dictionary, _ = make(shapes, method=method, k=64)
+    expected, _ = make(shapes, method=method)
+    assert_array_equal(dictionary.atoms, expected.atoms)
+
+
 @pytest.fixture
 def with_a_point(shapes):
     """The shapes, of which the fifth has all landmarks at one point."""

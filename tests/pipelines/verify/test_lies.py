@@ -225,6 +225,37 @@ def test_the_file_of_the_fit_is_known_by_its_digest(
     assert found.failures == {}
 
 
+@pytest.fixture
+def of_two_files(changed, fitted, landmarks):
+    """A result that states a second file of landmarks beside that of its fit."""
+    first = str(landmarks["people"])
+    of_two = in_config(landmarks=[first, "second.csv"])
+
+    def lie(file):
+        of_two(file)
+        inputs = json.loads(file.attrs["inputs"])
+        inputs["second.csv"] = "0" * 64
+        file.attrs["inputs"] = json.dumps(inputs)
+
+    return changed(fitted("people", outliers="none"), lie)
+
+
+def test_the_file_of_several_that_is_not_given_is_named(
+    of_two_files, verify, dictionaries, landmarks
+):
+    found = verify(of_two_files, dictionaries["people"], [landmarks["people"]])
+    fault = "is a file of the fit that is not given by --landmarks"
+    assert found.failures["second.csv"] == fault
+    assert str(landmarks["people"]) not in found.failures
+
+
+def test_without_landmarks_none_of_several_is_missed(
+    of_two_files, verify, dictionaries
+):
+    found = verify(of_two_files, dictionaries["people"])
+    assert "second.csv" not in found.failures
+
+
 WRONG = [
     *(
         states(config=text)
