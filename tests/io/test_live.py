@@ -23,25 +23,26 @@ def read(monkeypatch):
     return read
 
 
-WITH_FRAMES = "item,landmark,x,y,frame"
+WITH_FRAMES = "item,landmark,x,y,sequence,frame"
 
 
-def test_a_column_of_frames_that_is_empty_is_none(read):
-    first, second = read(WITH_FRAMES, "i,a,1,2,", "i,b,3,4,", "j,a,5,6,", "j,b,7,8,")
+def test_frames_of_images_of_no_sequence_are_none(read):
+    rows = ["i,a,1,2,,", "i,b,3,4,,", "j,a,5,6,,", "j,b,7,8,,"]
+    first, second = read(WITH_FRAMES, *rows)
     assert first.frames is None
     assert second.frames is None
     assert second.landmarks.tolist() == [[[5, 6], [7, 8]]]
 
 
 def test_each_item_has_its_frame(read):
-    rows = ["i,a,1,2,7", "i,b,3,4,7", "j,a,5,6,0", "j,b,7,8,0"]
+    rows = ["i,a,1,2,v,7", "i,b,3,4,v,7", "j,a,5,6,v,0", "j,b,7,8,v,0"]
     first, second = read(WITH_FRAMES, *rows)
     assert first.frames.tolist() == [7]
     assert second.frames.tolist() == [0]
 
 
 def test_a_frame_that_the_first_item_lacks_is_refused(read, problems):
-    rows = ["i,a,1,2,", "i,b,3,4,", "j,a,5,6,7", "j,b,7,8,7"]
+    rows = ["i,a,1,2,,", "i,b,3,4,,", "j,a,5,6,v,7", "j,b,7,8,v,7"]
     (line,) = problems(read, WITH_FRAMES, *rows)
     fault = "item 'j' has a frame, and the first item none"
     fix = "give all items a frame, or leave out the column"

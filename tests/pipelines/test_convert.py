@@ -237,6 +237,17 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(
     assert_array_equal(shapes.as_columns(), expected)
 
 
+def test_atoms_without_sizes_are_as_they_are(tmp_path, atoms, dictionary_file):
+    """With the names of what they were made of."""
+    target = tmp_path / "atoms.csv"
+    names = tuple(f"car {number}" for number in range(12))
+    path = dictionary_file(atom_items=names)
+    list(run(convert_config(path, target)))
+    shapes = read_shapes([target])
+    assert shapes.items == names
+    assert_array_equal(shapes.as_columns(), atoms)
+
+
 @pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])
 def test_a_dictionary_is_written_as_nothing_else(tmp_path, dictionary_file, name):
     config = convert_config(dictionary_file(), tmp_path / name)
