@@ -162,7 +162,9 @@ def test_frames_that_the_files_state_are_those_of_the_film(walk):
 
 def test_a_film_shorter_than_the_landmarks_is_said(walk):
     made = walk(FILMS / "constant.webm", n=40)
+    places = numbers_in(made.data["film"]["places"])
     (note,) = notes_on_film(made)
+    assert_array_equal(np.isnan(places), np.arange(40) >= 36)
     assert note == (
         "constant.webm has 36 frames, the landmarks go to frame 40: 4 of them are shown"
         " without it. Is it the same film?"

@@ -98,6 +98,19 @@ def test_outliers_are_marked(page):
     assert_array_equal(decoded(page["outliers"]), OUTLIERS)
 
 
+def test_what_one_of_two_results_judged_wrong_is_marked(desk):
+    first, second = np.eye(5, dtype=bool)[[[0, 1], [2, 3]]]
+    of_first = desk.result("first.h5", n=2, extras={"outliers": first})
+    of_second = desk.result("second.h5", n=2, extras={"outliers": second})
+    assert_array_equal(desk.scene(of_first, of_second)["outliers"], first | second)
+
+
+def test_where_nothing_was_judged_wrong_there_are_no_marks(desk):
+    nothing = np.zeros((2, 5), bool)
+    result = desk.result(n=2, extras={"outliers": nothing})
+    assert desk.scene(result)["outliers"] is None
+
+
 def test_the_header_tells_trust_and_errors(page, errors):
     error, expected_error = errors
     typical = np.median(expected_error[REASONS == ""])

@@ -162,3 +162,19 @@ def test_files_with_and_without_frames_are_not_one_recording(desk):
     second = shapes_file(desk, "second", 3)
     assert desk.scene(first, second)["recordings"] == [[0], [1]]
     assert desk.scene(second, first)["recordings"] == [[0], [1]]
+    assert len(desk.scene(first, second)["layers"]) == 2
+
+
+def test_two_results_of_one_recording_are_layers_each(desk):
+    """Which may be two fits of the same people."""
+    files = []
+    for name in ("anna", "emil"):
+        items = tuple(f"v/{name}/{number}" for number in range(3))
+        fields = {"items": items, "sequences": (f"v/{name}",) * 3}
+        extras = {"frame": np.arange(3)}
+        files.append(desk.result(f"{name}.h5", n=3, extras=extras, **fields))
+
+    page = desk.scene(*files)
+
+    assert page["recordings"] == [[0, 1]]
+    assert [layer["name"] for layer in page["layers"]] == ["anna", "emil"]

@@ -83,6 +83,13 @@ def test_edges_are_of_the_dictionary_before_the_truth_before_shapes(
     assert with_edges(shapes_too=True, dictionary=dictionary_file) == OF_DICTIONARY
 
 
+def test_edges_to_landmarks_that_are_not_shown_are_left_out(desk):
+    """The result has neither d nor e."""
+    truth = desk.truth(edges=np.array([[0, 1], [3, 4], [2, 3]]))
+    result = desk.result(landmark_names=("a", "b", "c", "y", "z"))
+    assert desk.scene(result, truth=(truth,))["edges"] == [[0, 1]]
+
+
 def test_a_file_of_landmarks_has_what_was_observed(desk):
     made = desk.view(desk.result(extras={}), desk.landmarks())
     assert "observed" not in made.notes

@@ -96,3 +96,16 @@ def test_a_frame_rate_that_nobody_states_is_said_to_be_unknown(desk):
     page = desk.view(desk.result(sequences=("s",) * 6)).data
     assert page["frame_rate"] == 24
     assert page["rate_known"] is False
+
+
+@pytest.mark.parametrize(
+    ("n", "fields", "is_video"),
+    [
+        (6, {}, False),
+        (6, {"frame_rate": 30.0}, True),
+        (1, {"frame_rate": 30.0}, False),
+        (6, {"sequences": ("s",) * 6}, True),
+    ],
+)
+def test_images_of_a_sequence_or_of_a_rate_are_a_video(desk, n, fields, is_video):
+    assert desk.scene(desk.result(n=n, **fields))["video"] == is_video
