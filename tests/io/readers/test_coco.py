@@ -121,6 +121,23 @@ def test_feet_face_and_hands_of_a_whole_body(read, absent):
     assert notes == ()
 
 
+def test_points_may_stand_in_a_list_each(read):
+    flat, _ = read(annotated({"keypoints": marks(3)}, categories=[FISH]))
+    rows = np.reshape(marks(3), (3, 3)).tolist()
+    nested, _ = read(annotated({"keypoints": rows}, categories=[FISH]))
+    assert_array_equal(nested.landmarks, flat.landmarks)
+    assert_array_equal(nested.confidence, flat.confidence)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_of_another_number_of_points_is_refused(read, part):
+    count = PARTS[part]
+    entry = {"keypoints": marks(17), part: marks(count - 1)}
+    fault = f"{part} of annotation 0 are not {count} landmarks"
+    with pytest.raises(InputError, match=fault):
+        read(annotated(entry, categories=[PERSON]))
+
+
 def test_further_lists_of_points_are_named(read):
     feet = {"foot_kpts": marks(6)}
     further = {"face_kpts": [0] * 9, "keypoints_21": marks(21), "num_keypoints": 3}
@@ -208,6 +225,29 @@ def test_identities_of_cvat_are_those_of_its_tracks(read):
     landmarks, _ = read(annotated(*entries, categories=[FISH], images=images))
     assert {*landmarks.sequences} == {"set/id 0", "set/id 1"}
     assert landmarks.sequences.count("set/id 0") == 6
+
+
+TRACKED = {"track_id": 3, "person_id": 8, "attributes": {"track_id": 9}}
+
+
+@pytest.mark.parametrize(
+    ("identity", "expected"),
+    [
+        (TRACKED, "set/id 3"),
+        ({**TRACKED, "track_id": None}, "set/id 8"),
+        ({"person_id": 8}, "set/id 8"),
+        ({"attributes": {"track_id": 9}}, "set/id 9"),
+        ({"track_id": 0, "person_id": 8}, "set/id 0"),
+    ],
+)
+def test_the_track_is_the_identity_before_the_person(read, identity, expected):
+    entries = []
+    for frame in range(2):
+        entry = {"image_id": frame, "keypoints": marks(3), **identity}
+        entries.append(entry)
+    images = [{"id": n, "file_name": f"frame_{n:06d}.png"} for n in range(2)]
+    landmarks, _ = read(annotated(*entries, categories=[FISH], images=images))
+    assert landmarks.sequences == (expected, expected)
 
 
 def test_results_of_several_workers_are_in_order_of_frames(read):

@@ -58,6 +58,12 @@ def test_sequences_are_put_together(desk):
     assert page["sequences"] == [["x", 0], ["y", 2]]
 
 
+def test_the_sequence_of_an_item_is_that_of_the_first_file(desk):
+    first = desk.result("first.h5", n=4, sequences=("x", "x", "y", "y"))
+    second = desk.result("second.h5", n=4, sequences=("z",) * 4)
+    assert desk.scene(first, second)["sequences"] == (("x", 0), ("y", 2))
+
+
 def test_sequences_of_one_frame_are_none(desk):
     page = desk.view(desk.result(n=4, sequences=("x", "y", "z", "w"))).data
     assert page["sequences"] == [["", 0]]
