@@ -111,6 +111,83 @@ def test_of_many_landmarks_the_worst_have_their_names():
     assert "the worst 20 of 30" in dots.get_xlabel()
 
 
+ERRORS = {"a": np.array([3.0, 1.0, 4.0, 2.0]), "b": np.array([5.0, 8.0, 6.0, 7.0])}
+"""Method -> errors of four landmarks."""
+
+
+class TestLandmarks:
+    """Their errors by name, and on a shape."""
+
+    NAMES = ("nose", "ear", "eye", "chin")
+    SHAPE = np.array([[0.0, 1, 2, 5], [0, 3, 1, 1], [0, 0, 1, 2]])
+
+    @pytest.fixture
+    def panels(self):
+        typical = f.TypicalShape(self.SHAPE, np.array([[0, 1]]))
+        return axes_of(f.draw_landmarks(ERRORS, self.NAMES, typical, "mm"))
+
+    def test_the_error_of_each_stands_at_its_name(self, panels):
+        dots, *_ = panels
+        labels = labels_of(dots.get_yticklabels())
+        names_at = dict(zip(dots.get_yticks(), labels, strict=True))
+        for line, errors in zip(dots.lines, ERRORS.values(), strict=True):
+            stated = {names_at[y]: x for x, y in line.get_xydata()}
+            assert stated == dict(zip(self.NAMES, errors, strict=True))
+
+    def test_the_first_is_above_the_others(self, panels):
+        dots, *_ = panels
+        bottom, top = dots.get_ylim()
+        assert labels_of(dots.get_yticklabels())[0] == "nose"
+        assert top < dots.get_yticks()[0] < bottom
+
+    def test_all_of_them_are_not_called_the_worst(self, panels):
+        dots, *_ = panels
+        assert dots.get_xlabel() == "mean error of a landmark (mm)"
+
+    def test_the_shape_has_the_errors_of_the_first_method(self, panels):
+        _, shape, colours = panels
+        (marks,) = [each for each in shape.collections if len(each.get_offsets()) == 4]
+        assert_allclose(marks.get_array(), ERRORS["a"])
+        assert colours.get_ylabel() == "a (mm)"
+
+    def test_the_shape_is_not_stretched(self, panels):
+        _, shape, _ = panels
+        assert shape.get_aspect() == 1
+
+
+def draw_names(count, letters):
+    """Draw the names of sequences; return their rotations, where their left and right
+    ends (count,) are, and where their bars are, in pixels.
+    """
+    names = [f"{n:0{letters}}" for n in range(count)]
+    means = dict.fromkeys(names, 1.0)
+    figure = f.draw_sequences({"all": {"a": means}}, "mm")
+    figure.draw_without_rendering()
+    (axes,) = axes_of(figure)
+    *labels, _mean = axes.get_xticklabels()
+    x = axes.get_xticks()[:-1]
+    bars = axes.transData.transform(np.column_stack([x, 0 * x]))[:, 0]
+    boxes = [label.get_window_extent() for label in labels]
+    ends = np.array([[box.x0, box.x1] for box in boxes])
+    return {label.get_rotation() for label in labels}, ends.T, bars
+
+
+@pytest.mark.parametrize(("count", "letters"), [(3, 8), (11, 4)])
+def test_few_short_names_of_sequences_are_level_below_their_bars(count, letters):
+    rotations, (left, right), bars = draw_names(count, letters)
+    assert rotations == {0}
+    assert_allclose((left + right) / 2, bars, atol=1)
+    assert (left[1:] > right[:-1]).all()
+
+
+@pytest.mark.parametrize(("count", "letters"), [(11, 12), (12, 8), (40, 8)])
+def test_other_names_of_sequences_are_oblique_and_end_at_their_bars(count, letters):
+    rotations, (left, right), bars = draw_names(count, letters)
+    (rotation,) = rotations
+    assert 0 < rotation < 90
+    assert (bars - left > 2 * abs(right - bars)).all()
+
+
 def draw_every_figure(methods):
     """Return all figures of a report of these methods, by name."""
     rng = np.random.default_rng(0)

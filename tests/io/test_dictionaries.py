@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import shapefit
-from shapefit.errors import InputError
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_shapes, write_dictionary
 from shapefit.io.dictionaries import atoms_of
 from shapefit.io.layout import UNKNOWN_UNIT

@@ -8,6 +8,8 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
@@ -27,6 +29,7 @@ from shapefit.meshes.pictures import (
     FittedImage,
     PlacedPhotograph,
     contact_sheet,
+    draw_silhouette,
     save,
     viewer_frame,
 )
@@ -404,6 +407,44 @@ def test_an_image_without_landmarks_has_no_marks(failed, box_faces):
     empty = failed._replace(landmarks=np.full((2, 8), np.nan))
     panel, *_ = contact_sheet([empty], DrawnModel("down", box_faces)).axes
     assert marks(panel) == {}
+
+
+def title_of(image):
+    (panel, *_) = contact_sheet([image], DrawnModel("down")).axes
+    return panel.get_title(loc="left")
+
+
+def test_of_a_long_title_as_much_is_cut_as_the_doubt_needs(image):
+    long = image._replace(title="0" * 90 + "end")
+    doubted = long._replace(doubt="large expected error")
+    assert title_of(doubted).endswith("000end  large expected error")
+    assert len(title_of(doubted)) == len(title_of(long))
+
+
+def test_a_doubt_of_any_length_leaves_the_end_of_the_title(image):
+    long = image._replace(title="0" * 90 + "end", doubt="large " * 30)
+    assert title_of(long).startswith("00000end  large large ")
+    assert len(title_of(long)) == len(title_of(long._replace(doubt="")))
+
+
+NEAR_AND_FAR = {"down": (8, 10), "up": (10, 8)}
+"""Direction of y -> the first of two faces near the viewer, and of two far from it: z
+points away from the camera where y points down.
+"""
+
+
+@pytest.mark.parametrize("y_axis", NEAR_AND_FAR)
+def test_the_silhouette_is_of_faces_that_look_at_the_viewer(image, box_faces, y_axis):
+    near, far = (box_faces[first : first + 2] for first in NEAR_AND_FAR[y_axis])
+
+    def corners_of(faces):
+        axes = Figure().subplots()
+        draw_silhouette(axes, image.projected_mesh, DrawnModel(y_axis, faces))
+        (patch,) = [each for each in axes.get_children() if isinstance(each, PathPatch)]
+        return len(patch.get_path().vertices)
+
+    assert corners_of(near) == 2 * 4
+    assert corners_of(far) == 0
 
 
 def test_titles_are_taken_literally_and_of_long_ones_the_end(image):

@@ -175,6 +175,22 @@ def test_of_many_landmarks_some_are_hidden(case, monkeypatch):
     assert case.hide().predictions == pytest.approx(N * P / 3, abs=P)
 
 
+def test_the_share_inside_is_that_of_the_bars_as_they_are_stated(case):
+    """Wider ones hold more, of landmarks that are predicted alike."""
+    narrow = replace(case.model(), bar_scale=0.1)
+    wide = replace(case.model(), bar_scale=10.0)
+    lifting = case.lift(narrow)
+    rotation = lifting.estimate.rotation
+    inliers = lifting.estimate.inlier_probability
+
+    found = hide_in_turn(lifting.problem, rotation, inliers, narrow)
+    in_wide = hide_in_turn(lifting.problem, rotation, inliers, wide)
+
+    assert found.kappa == in_wide.kappa
+    assert found.inside < 0.5
+    assert in_wide.inside > 0.99
+
+
 def test_a_prior_that_is_too_narrow_shows(case):
     true = case.prior
     narrow = Mixture(true.weights, true.means, true.covariances / 9.0)
