@@ -169,6 +169,22 @@ def test_a_y_axis_that_contradicts_the_landmarks_is_refused(atoms, images):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("as_array", [True, False])
+def test_a_landmark_without_x_or_y_is_unseen(atoms, images, as_array):
+    some = images[:3]
+    without_x = some.landmarks.copy()
+    without_x[:, 2, 0] = np.nan
+    unseen = without_x.copy()
+    unseen[:, 2] = np.nan
+
+    def shapes_of(points):
+        given = points if as_array else some.replaced(landmarks=points)
+        return shapefit.fit(given, atoms, method="convex").shapes
+
+    assert_array_equal(shapes_of(without_x), shapes_of(unseen))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_min_confidence_hides_landmarks(atoms, images):
     some = images[:4]
     least = float(np.median(some.confidence))

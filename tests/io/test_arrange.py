@@ -8,6 +8,8 @@ from numpy.testing import assert_array_equal
 
 from shapefit.io.arrange import arrange
 from shapefit.io.names import match_landmarks
+from shapefit.io.readers.items import with_landmarks
+from shapefit.records import Shapes
 
 
 @pytest.mark.parametrize(
@@ -66,3 +68,44 @@ def test_labels_go_with_their_landmarks(landmarks, rng, kind):
 def test_shapes_lack_no_landmark(shapes, problems):
     line, _ = problems(arrange, shapes, ("head", "foot"), "cars.h5")
     assert line.startswith("cars.h5: there is no landmark 'left hand'")
+
+
+CHAIN = np.array([[0, 1], [1, 2], [2, 3], [1, 4]])
+"""A tree of five landmarks: from hip to knee, ankle and toe, and from knee to shin."""
+
+
+def chain(rng, **fields):
+    names = ("hip", "knee", "ankle", "toe", "shin")
+    return Shapes(rng.normal(size=(2, 5, 3)), landmark_names=names, **fields)
+
+
+def bones_of(shapes):
+    names = shapes.landmark_names
+    return {(names[above], names[below]) for above, below in shapes.edges}
+
+
+@pytest.mark.parametrize(
+    ("names", "bones"),
+    [
+        (("hip", "toe", "shin"), {("hip", "toe"), ("hip", "shin")}),
+        (("shin", "knee", "toe"), {("knee", "shin"), ("knee", "toe")}),
+        (("toe", "shin"), set()),
+    ],
+)
+def test_what_is_kept_of_a_tree_hangs_on_the_nearest_ancestor(rng, names, bones):
+    shapes = chain(rng, edges=CHAIN)
+    kept = with_landmarks(shapes, names)
+    assert kept.landmark_names == names
+    assert bones_of(kept) == bones
+
+
+def test_what_is_kept_of_edges_that_are_no_tree_has_those_that_are_whole(rng):
+    ring = np.array([[0, 1], [1, 2], [2, 0], [1, 0]])
+    kept = with_landmarks(chain(rng, edges=ring), ("hip", "knee"))
+    assert bones_of(kept) == {("hip", "knee"), ("knee", "hip")}
+
+
+def test_what_is_kept_knows_of_no_mirror(rng):
+    """The partner of a landmark may be gone."""
+    paired = chain(rng, mirror_index=np.array([1, 0, 2, 3, 4]))
+    assert with_landmarks(paired, ("hip", "toe")).mirror_index is None
