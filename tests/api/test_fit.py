@@ -177,11 +177,14 @@ def test_a_landmark_without_x_or_y_is_unseen(atoms, images, as_array):
     unseen = without_x.copy()
     unseen[:, 2] = np.nan
 
-    def shapes_of(points):
+    def fit(points):
         given = points if as_array else some.replaced(landmarks=points)
-        return shapefit.fit(given, atoms, method="convex").shapes
+        return shapefit.fit(given, atoms, method="convex")
 
-    assert_array_equal(shapes_of(without_x), shapes_of(unseen))
+    found = fit(without_x)
+    expected = fit(unseen)
+    assert_array_equal(found.shapes, expected.shapes)
+    assert_array_equal(found.landmarks, expected.landmarks)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
