@@ -1,4 +1,6 @@
-"""What a dictionary says of its training shapes must be numbers that a fit can use."""
+"""What a dictionary says of its training shapes must be numbers that a fit can use; its
+atoms as shapes.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Inputs: how large they are in words, and how much memory there is for them."""
 
-import resource
-
 import pytest
 
 from shapefit.errors import InputError
@@ -33,6 +31,7 @@ class TestFreeMemory:
     @pytest.fixture
     def container(self, tmp_path, monkeypatch):
         """Return the function that states the memory of a container."""
+        pytest.importorskip("resource", reason="this system does not say it")
         monkeypatch.setattr(inputs, "CGROUP", tmp_path)
 
         def state(limit, used):
@@ -59,7 +58,7 @@ class TestFreeMemory:
     def test_a_process_beyond_its_own_limit_has_none(self, container, monkeypatch):
         container(limit="max", used=0)
         of_one_megabyte = (1_000_000, 1_000_000)
-        monkeypatch.setattr(resource, "getrlimit", lambda _: of_one_megabyte)
+        monkeypatch.setattr("resource.getrlimit", lambda _: of_one_megabyte)
         assert inputs.free_memory() == 0
 
 
