@@ -52,15 +52,15 @@ constexpr Index PADDING = 8;
 // n, up to the next multiple of PADDING.
 constexpr Index padded(Index n) { return (n + PADDING - 1) / PADDING * PADDING; }
 
-// WIDTH numbers from memory, at any address, and back.
+// Load WIDTH numbers from any address, and store them there.
 inline Doubles load(const double* x) {
     return *reinterpret_cast<const LooseDoubles*>(x);
 }
 inline void store(double* x, Doubles value) {
     *reinterpret_cast<LooseDoubles*>(x) = value;
 }
-// What <immintrin.h> names _mm_sqrt_pd and so on, without the seconds that it takes to
-// read.
+// The square roots, lane by lane: what <immintrin.h> names _mm_sqrt_pd and so on,
+// without the seconds that it takes to read.
 inline Doubles root(Doubles x) {
 #if defined(__AVX512F__) && !defined(__clang__)
     return __builtin_ia32_sqrtpd512_mask(x, x, -1,
@@ -92,10 +92,10 @@ inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
 inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
 inline Singles smaller(Singles a, Singles b) { return a < b ? a : b; }
 inline Doubles magnitude(Doubles x) { return x < 0.0 ? -x : x; }
-// All lanes alike.
+// x in all lanes.
 inline Doubles all(double x) { return Doubles{} + x; }
-// For functions of lanes of either precision: what a lane holds, how many there are,
-// all alike.
+// For functions of lanes of either precision: the type of a lane, the number of lanes,
+// and x in all of them.
 template <class Lanes>
 using Number = std::remove_cvref_t<decltype(Lanes{}[0])>;
 template <class Lanes>
@@ -104,7 +104,7 @@ template <class Lanes>
 inline Lanes all(double x) {
     return Lanes{} + static_cast<Number<Lanes>>(x);
 }
-// max and sum over the lanes.
+// The largest lane, and the sum of the lanes.
 template <class Lanes>
 inline double largest(Lanes x) {
     double result = x[0];
@@ -178,9 +178,10 @@ inline Lanes exponential(Lanes x) {
     return x;
 }
 
+// log x, under the name that it has for lanes.
 inline double logarithm(double x) { return log(x); }
 
-// log x for x > 2^-60.
+// log x, lane by lane, for x > 2^-60.
 template <class Lanes>
 inline Lanes logarithm(Lanes x) {
     constexpr double GROWN = 0x1p60, LOG_GROWN = 60 * 0x1.62e42fefa39efp-1;

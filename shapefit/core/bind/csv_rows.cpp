@@ -62,7 +62,7 @@ char* put_number(char* out, double number, bool as_python) {
 
 }  // namespace
 
-// Write the rows of a table as CSV; returns how many bytes they are.
+// Write the rows of a table as CSV into `rows`; returns the number of bytes.
 Index write_csv_rows(const CsvRowsData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     char* const start = reinterpret_cast<char*>(data.rows.data);
