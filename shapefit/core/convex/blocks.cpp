@@ -78,7 +78,8 @@ struct Vector3 {
 struct Turned {
     Vector3 first, second;
 };
-// X of a vector of blocks G, in the frames of their active blocks.
+// X = U^T G V of WIDTH blocks of G (6, capacity) from c on, U and V of the active
+// blocks.
 [[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G,
                                               Index c) {
     const Index n = a.capacity;
@@ -189,8 +190,8 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
     }
 }
 
-// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three
-// numbers each.
+// The rows of direction r are `top` and `low`, three numbers each, so that its row of F
+// is (top . B, low . B).
 void ActiveBlocks::find_directions(double sigma, const double* moved) {
     const Index n = capacity;
     const Doubles none = {};
@@ -221,8 +222,8 @@ void ActiveBlocks::find_directions(double sigma, const double* moved) {
     }
 }
 
-// `directions` rows of one block: (top . B, low . B), the numbers of each `capacity`
-// apart.
+// Write the rows (top . B, low . B) of one block for so many directions, the numbers of
+// each `capacity` apart, to rows `stride` apart.
 template <int directions>
 [[gnu::always_inline]] inline void write_block(const double* number, Index capacity,
                                                const double* B, Index atom_stride,

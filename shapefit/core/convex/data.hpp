@@ -40,6 +40,7 @@ struct SparseTransforms {
     Vector<Integer> atom = from("atom", "a");
     Tensor<Number> blocks = from("blocks", "a 2 3");
 
+    // The transforms of one image.
     ImageTransforms operator[](Index image) const {
         const Index at = first[image];
         return {atom.data + at, blocks.data + 6 * at, count[image]};

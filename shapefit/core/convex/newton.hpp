@@ -59,7 +59,7 @@ struct Iterate {
     double* y;
 };
 
-// Room for up to q coordinates; everything is written before it is read.
+// Memory for images of up to q coordinates; everything is written before it is read.
 struct NewtonWorkspace {
     ActiveBlocks active;
     ShiftedGram gram;
@@ -73,12 +73,12 @@ struct NewtonWorkspace {
     NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
                     Index further_rows);
 
-    // Make room for other atoms, of q coordinates.
+    // Begin with other atoms, of q coordinates.
     void begin_atoms(Index q);
 };
 
-// Solve from the iterate, which is overwritten, within max_steps - taken; returns
-// Newton steps.
+// Solve the program by the augmented Lagrangian from any iterate, which is overwritten,
+// in at most max_steps - taken Newton steps; returns how many it took.
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
                        NewtonWorkspace& work, Index taken);
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
@@ -89,8 +89,8 @@ struct PrimalDualEnd {
     bool solved;
 };
 
-// Takes the iterate, of which room.N holds the correlation, to the tolerance; where it
-// does not get there the iterate is left as it was.
+// Solve the program and its dual together from a good iterate, of which work.N holds y
+// B_i^T; where the tolerance is not reached the iterate is left as it was.
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
                                 NewtonWorkspace& work);
 
@@ -109,6 +109,7 @@ struct DualBound {
         value = scale * yw - delta * 0.5 * scale * scale * yy;
     }
 
+    // |P - D| / P.
     double relative_gap(double primal) const {
         return magnitude(primal - value) / larger(primal, TINY);
     }

@@ -46,7 +46,7 @@ struct Certifier {
 
     Certifier(const ConvexProgram& data, Workspace& workspace)
         : program(data),
-          planes(find_planes(data.atoms, workspace)),
+          planes(make_planes(data.atoms, workspace)),
           centred(workspace.matrix<double>(2, data.atoms.size[2])),
           left(workspace.matrix<double>(2, data.atoms.size[2])),
           weighted(workspace.matrix<double>(2, data.atoms.size[2])),
@@ -68,8 +68,8 @@ struct Sums {
     double primal = 0, residual = 0, scale = 0;
 };
 
-// `centred` and `left` become W less its mean, weighted by omega^2; returns omega .
-// omega.
+// Set mean (2,) to the mean of W with the weights omega^2, and `centred` and `left` to
+// W less it, 0 where hidden; returns sum_j omega_j^2.
 double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work,
               double* mean) {
     const Index p = omega.size[0];
@@ -109,7 +109,8 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B,
     return norms;
 }
 
-// The translation of one axis beside the mean: the mean of what M and, if any, E leave.
+// The translation of one axis less the mean of W: the mean of what M and, where given,
+// E leave of it.
 double find_shift(Vector<const double> omega, const double* left, const double* E,
                   bool quadratic) {
     double shift = 0, total = 0;
@@ -122,7 +123,8 @@ double find_shift(Vector<const double> omega, const double* left, const double* 
     return shift / total;
 }
 
-// The loss of one axis, its errors, and Y made orthogonal to omega.
+// Add the loss and the residual of one axis to the sums, write its errors E, and make
+// its Y orthogonal to omega, whose square is `total`.
 void add_axis(const ConvexProgram& program, Vector<const double> omega, double total,
               double shift, const double* centred, const double* left, double* E,
               double* Y, Sums& sums) {
@@ -145,7 +147,7 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
         Y[j] = omega[j] > 0 ? Y[j] - along * omega[j] : 0;
 }
 
-// Scale Y until it is feasible; returns D.
+// Scale Y (2, p) until it is dual feasible; returns the bound D.
 double find_bound(const ConvexProgram& program, Vector<const double> omega, double lam,
                   Certifier& work, Matrix<double> Y) {
     const Index p = omega.size[0];
@@ -239,7 +241,7 @@ class BlockSolver {
         for (Index j = 0; j < p_; ++j) last_weights_[j] = -1, ones_[j] = 1;
     }
 
-    // Solve as if nothing came before.
+    // Forget the solutions of earlier images.
     void begin() { last_.known = before_.known = false; }
 
     // Solve and certify an image, and write what the task asks for.
@@ -273,13 +275,15 @@ class BlockSolver {
     }
 
   private:
-    // Whether the loss has sparse errors E, and whether its dual has 1/2 ||Y||^2.
+    // Whether the loss has sparse errors E.
     bool robust() const { return program_.bound < INFINITE; }
+    // Whether the dual of the loss has the term 1/2 ||Y||^2.
     bool quadratic() const { return program_.delta > 0; }
+    // Coordinates of the reduced landmarks.
     Index q() const { return reduction_.coordinates(); }
 
-    // Reduce the atoms where the weights are not the last image's; returns whether they
-    // are.
+    // Reduce the atoms by the weights of an image, unless these are the last image's;
+    // returns whether they are.
     bool take_weights(Index image) {
         const Vector<const double> omega = program_.weights[image];
         if (are_equal(omega.data, last_weights_.data, p_)) return true;
@@ -290,7 +294,7 @@ class BlockSolver {
             // whatever they are.
             rho_[j] = !quadratic() && omega[j] > 0 ? 1 : omega[j];
         }
-        reduction_.find(rho_);
+        reduction_.set_weights(rho_);
         if (reduction_.visible_count < 2) return false;
         const double largest = atoms_.reduce(rho_.data, reduction_);
         units_.atoms = largest > 0 ? largest : 1;
@@ -299,7 +303,8 @@ class BlockSolver {
         return false;
     }
 
-    // Reduce the landmarks to ||w|| = 1, and set units and bounds.
+    // Reduce the landmarks of an image and scale them to ||w|| = 1; set units and
+    // bounds.
     void take_landmarks(Index image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
@@ -382,8 +387,8 @@ class BlockSolver {
         for (Index j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
     }
 
-    // Solve from the iterate, after `taken` Newton steps; returns how many it took
-    // more.
+    // Solve from the iterate, after `taken` Newton steps, first as from a good start
+    // where `near`; returns how many more steps it took.
     Index solve_reduced(Index image, const ReducedProgram& reduced, bool near,
                         Index taken) {
         if (robust()) {
@@ -401,7 +406,7 @@ class BlockSolver {
                solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
     }
 
-    // The last solution becomes the one before, and the iterate the last.
+    // Store the last solution as the one before it, and the iterate as the last.
     void shift_solutions(bool same_mask) {
         const Memory oldest = before_;
         before_ = last_;
@@ -453,8 +458,8 @@ class BlockSolver {
                                       : Status::ITERATION_LIMIT;
     }
 
-    // E is in the unit of the weighted residual, as certificates have it: back to that
-    // of the solver, and on to that of the landmarks.
+    // Scale E from the unit of the weighted residual, which certificates use, back to
+    // that of the solver, or on to that of the landmarks.
     void scale_errors_to_solver(Index image) {
         scale_errors(image, [&](Index j) {
             return rho_[j] / last_weights_[j] / units_.landmarks;

@@ -33,7 +33,7 @@ class Refinement {
     // value, so that many landmarks pull while the pose is still coarse. DEGENERATE
     // where a landmark begins behind the camera: no step is taken from there.
     void refine(Index image) {
-        observations_.take(data_, image);
+        observations_.gather(data_, image);
         Unknowns& start = here().at;
         start.R = Rotation::from(data_.rotation[image].data);
         for (int a = 0; a < 3; ++a) start.t[a] = data_.translation[image][a];
@@ -51,7 +51,7 @@ class Refinement {
   private:
     // The position that was accepted last.
     Position& here() { return positions_[current_]; }
-    // F there, for a softness s.
+    // F at that position, for a softness s.
     double value(double soft) { return evaluate(shapes_, observations_, here(), soft); }
 
     // Levenberg-Marquardt steps from the start; see `refine`.
@@ -74,8 +74,8 @@ class Refinement {
         return {value(data_.softness), data_.max_rounds, Status::ITERATION_LIMIT};
     }
 
-    // Take the first damped step that lowers F; returns by what share it fell, 0 for
-    // none.
+    // Take the first step that lowers F, with more damping after each that does not;
+    // returns the share by which F fell, 0 where no step lowers it.
     double improve(double soft, double& damping, double& F) {
         Position& there = positions_[1 - current_];
         equations_.linearise(observations_, here(), soft);

@@ -11,6 +11,7 @@ void transpose(const double* C, Index n, double* __restrict out) {
         for (Index j = 0; j < n; ++j) out[j * n + i] = C[i * n + j];
 }
 
+// x_e = 0 for n numbers.
 void clear(double* x, Index n) {
     for (Index e = 0; e < n; ++e) x[e] = 0;
 }
@@ -56,7 +57,7 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones,
     return true;
 }
 
-// S = A_ff and R.
+// S = A_ff with `damping` on its diagonal, and the right sides R of frame f.
 void Banded::begin_frame(const SequenceData& data, const Place& at, Index f,
                          Bones bones, double damping) {
     const Index d = data.points.size[1];
@@ -163,7 +164,7 @@ void Banded::write_covariances(const SequenceData& data, const Place& at,
     }
 }
 
-// V^T V in the place of Sigma_ff; G_N and G_W = V^T V diag(tied).
+// Set Sigma.here to V^T V, G_N to V^T N and G_W to V^T V diag(tied), of frame f.
 void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) const {
     const Index D = D_;
     multiply_out(V(f), Sigma.here, D, D);
@@ -175,7 +176,8 @@ void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) c
         add_product(1, transposed(V(f), D), N(f), Sigma.GN, D, D, D, D, every(D));
 }
 
-// The covariances of frame f with itself and the next two, from those of the next two.
+// Set the covariances of a frame with itself and the next two, from those of the next
+// two.
 void Banded::find_covariances(Covariances& Sigma) const {
     const Index D = D_;
     const Factor GN = plain(Sigma.GN, D), GW = plain(Sigma.GW, D);

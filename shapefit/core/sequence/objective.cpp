@@ -8,7 +8,7 @@ struct Bone {
     double along[3], length;
 };
 
-// The length and the direction of bone b of the points y.
+// The ends, length and direction of bone b at the points y (3 p,).
 Bone bone_of(const SequenceData& data, const double* y, Index b) {
     const Index p = data.stiffness.size[0];
     Bone bone{data.bones[b].data[0], data.bones[b].data[1], {}, 0};
@@ -21,7 +21,8 @@ Bone bone_of(const SequenceData& data, const double* y, Index b) {
     return bone;
 }
 
-// -log sum_k share_k N(y; m_k, P_k^-1), with the shares at y and the gradient.
+// -log sum_k share_k N(y; m_k, P_k^-1) of frame f; sets share (K,) to the shares of the
+// modes at y, and linear_term (D,) to the gradient.
 double mix(const SequenceData& data, Index f, const double* y, double* share,
            double* linear_term, double* scratch) {
     const Index K = data.log_share.size[1], d = data.means.size[2], D = padded(d);
