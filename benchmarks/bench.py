@@ -79,7 +79,9 @@ def main() -> None:
 
 
 def read_arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Return the options of the command line, None for folders of data that are not
+    there.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--data", type=Path, default=DATA / "mocap", help="motion capture files"

@@ -250,7 +250,9 @@ class Worker:
 
 
 def hide(build: Callable[[], Arrays], share: float) -> Arrays:
-    """Return the arrays with a share of the landmarks hidden, others in each image."""
+    """Return the arrays that `build` makes, with a share of the landmarks hidden,
+    others in each image.
+    """
     arrays, rng = build(), np.random.default_rng(0)
     n, _, p = arrays["landmarks"].shape
     hidden = rng.random((n, p)).argsort(axis=1) < round(share * p)
@@ -260,8 +262,8 @@ def hide(build: Callable[[], Arrays], share: float) -> Arrays:
 
 
 def shuffle(build: Callable[[], Arrays]) -> Arrays:
-    """Return the arrays with the images in random order, so that none resembles the one
-    before it.
+    """Return the arrays that `build` makes, with the images in random order, so that
+    none resembles the one before it.
     """
     arrays = build()
     order = np.random.default_rng(0).permutation(len(arrays["landmarks"]))

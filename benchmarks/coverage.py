@@ -27,8 +27,8 @@ WITH_BARS = ("posterior", "sequences")
 
 
 def run(*arguments: str | Path, failures: bool = False) -> None:
-    """Run shapefit; with `failures` single items may fail. Raises SystemExit where it
-    fails.
+    """Run a command of shapefit. Raises SystemExit where it fails; with `failures`
+    single items may.
     """
     command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments)]
     code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
@@ -85,7 +85,7 @@ def mean_errors(report: Path) -> dict[tuple[str, str], float]:
     }
 
 
-def cells(report: Path, methods: Sequence[str]) -> list[str]:
+def error_cells(report: Path, methods: Sequence[str]) -> list[str]:
     """Return the mean normalised error of each method in a report as a text, with
     millimetres where the truth is in metres; "" for a method that it lacks.
     """
@@ -98,7 +98,7 @@ def cells(report: Path, methods: Sequence[str]) -> list[str]:
     return texts
 
 
-def coverage(report: Path) -> list[str]:
+def coverage_cells(report: Path) -> list[str]:
     """Return the calibration of each method with error bars in a report as a text: the
     shares of the truth inside the 50% and 90% ellipsoids, and their normalised width.
     """
@@ -121,8 +121,9 @@ def write_page(folder: Path, text: str) -> None:
 def errors_and_bars(
     title: str, header: list[str], errors: list[list[str]], bars: list[list[str]]
 ) -> str:
-    """Return a page in Markdown with a table of errors, of rows by `cells`, and one of
-    error bars, of rows by `coverage`; each row begins with the name of a set.
+    """Return a page in Markdown with a table of errors, of rows by `error_cells`, and
+    one of error bars, of rows by `coverage_cells`; each row begins with the name of a
+    set.
     """
     table = markdown_table(header, errors)
     table_of_bars = markdown_table([header[0], *WITH_BARS], bars)

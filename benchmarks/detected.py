@@ -23,8 +23,8 @@ from benchmarks.coverage import (
     CONFIGS,
     DATA,
     WITH_BARS,
-    cells,
-    coverage,
+    coverage_cells,
+    error_cells,
     errors_and_bars,
     read_images,
     run,
@@ -327,8 +327,8 @@ def main() -> None:
     for case in CASES:
         if not given.only or case.name.startswith(tuple(given.only)):
             report = measure(case, given.data, given.methods, given.people)
-            rows.append([case.name, *cells(report, given.methods)])
-            regions.append([case.name, *coverage(report)])
+            rows.append([case.name, *error_cells(report, given.methods)])
+            regions.append([case.name, *coverage_cells(report)])
             print(" | ".join(rows[-1]), flush=True)
     page = errors_and_bars(
         "# Detected landmarks", ["set", *given.methods], rows, regions

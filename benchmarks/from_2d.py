@@ -208,7 +208,7 @@ def without_truth(
 def sequence_case(
     name: str, published: str, goal: float, damaged: bool = False
 ) -> Case:
-    """Return the case of a published sequence, from which is learned and which is
+    """Return the case of a published sequence, which is both learned from and
     lifted.
     """
     read = sequence_reader(name, damaged)

@@ -101,7 +101,7 @@ def method_row(
 
 
 def main() -> None:
-    """Print the section."""
+    """Print the section on optimality, from the results in a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     print("\n\n".join(sections(parser.parse_args().folder)))

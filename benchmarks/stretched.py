@@ -61,7 +61,9 @@ def stretch(images: Landmarks, factors: tuple[float, float]) -> Landmarks:
 
 
 def main() -> None:
-    """Film, stretch and lift; print how many clips of each kind are named."""
+    """Film, stretch and lift clips; print of how many of each kind a stretch is
+    reported.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     given = parser.parse_args()

@@ -37,7 +37,7 @@ def rotate_images(images: Landmarks, degrees: float) -> Landmarks:
 
 def measure_change(images: Landmarks, dictionary: str, method: Method) -> Floats:
     """Return the similarity error (n,) between the shapes of images and those of the
-    images rotated by DEGREES, in sizes of a shape.
+    images rotated by DEGREES, as a share of the size of the shape.
     """
     upright = shapefit.fit(images, dictionary, method=method).as_columns()
     rotated = rotate_images(images, DEGREES)

@@ -180,7 +180,7 @@ def choose_tests(path: Path, changed: range, reach: Reach, seconds: float) -> li
         }
 
     def sort_key(context: str) -> tuple[bool, float]:
-        """Sort tests of the same room first, then by their seconds."""
+        """Return a key that sorts tests of the file's folder first, then by seconds."""
         return not reach.names[context].startswith(own), reach.seconds[context]
 
     chosen: list[str] = []

@@ -183,8 +183,8 @@ def align(shapes: Floats, dictionary: Dictionary) -> Floats:
 def extend_prior(
     prior: Mixture, shapes: Floats, shrinkage: float, floor: float
 ) -> Mixture:
-    """Return a prior over all joints of shapes (n, 3, p) that agrees with `prior` on
-    the first ones, which it is over.
+    """Return a mixture over the p joints of shapes (n, 3, p) that extends the prior,
+    which is over the first ones, and agrees with it on these.
     """
     n, _, p = shapes.shape
     d = prior.means.shape[2]
@@ -253,7 +253,7 @@ def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
     assert acceleration is not None
 
     def append_further(known: Floats | None, found: Floats) -> Floats | None:
-        """Return the known entries, and those found behind them; None without known."""
+        """Return the known entries, followed by those of `found` beyond them."""
         return None if known is None else np.concatenate([known, found[len(known) :]])
 
     between = find_edge_covariance(find_lengths(moving, edges, sequences)[1])
