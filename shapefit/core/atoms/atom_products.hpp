@@ -24,6 +24,7 @@ class AtomProducts {
     // The products of atom i with all others, (9, places): entry (b, c) of B_i B_j^T is
     // in row 3 b + c, column `place(j)`.
     const double* with(Index i) const { return products_ + 9 * place_[i] * places_; }
+    // How many atoms have a place at most.
     Index places() const { return places_; }
 
   private:

@@ -39,15 +39,22 @@ class CoefficientStep {
     // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
     double mix(double* shape);
 
-    // Those of `Terms`, see base/active_set.hpp.
+    // The functions of `Terms`, see base/active_set.hpp.
+
+    // ||V_i||^2.
     double square(Index i) const {
         return dot_padded(projected(i), projected(i), 2 * atoms_.row);
     }
+    // out_e = <V_i, V_used_e> for e < m.
     void overlaps(Index i, const Index* used, Index m, double* out) const;
+    // h_i - lam sign.
     double linear_term(Index i, double sign) const { return along_[i] - lam_ * sign; }
+    // Set `next` to the unused atom with the largest correlation with the residual, and
+    // its sign; false where no correlation exceeds lam.
     bool choose(const ActiveSet& used, Index& next, double& sign);
 
   private:
+    // V_i (2, row).
     double* projected(Index i) const { return projected_ + i * 2 * atoms_.row; }
     void project(Index i);
     void find_residual();

@@ -71,8 +71,9 @@ template <int count>
 
 // out_i = <X, B_i> for `count` vectors of atoms from i on.
 template <int count>
-[[gnu::always_inline]] inline void find_some(const Planes& B, const double* X,
-                                             double* out, Index i) {
+[[gnu::always_inline]] inline void find_some_inner_products(const Planes& B,
+                                                            const double* X,
+                                                            double* out, Index i) {
     Doubles sums[3][count] = {};
     for (Index j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
@@ -96,8 +97,8 @@ void find_inner_products(const Planes& B, const double* X, double* out) {
     constexpr int MANY = 4;
     Index i = 0;
     for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH)
-        find_some<MANY>(B, X, out, i);
-    for (; i < B.padded_atoms; i += WIDTH) find_some<1>(B, X, out, i);
+        find_some_inner_products<MANY>(B, X, out, i);
+    for (; i < B.padded_atoms; i += WIDTH) find_some_inner_products<1>(B, X, out, i);
 }
 
 double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {

@@ -24,7 +24,7 @@ struct Reduction {
     Reduction(Workspace& workspace, Index p)
         : visible(workspace.vector<Index>(p)), h(workspace.vector<double>(p)) {}
 
-    // q.
+    // The number of coordinates, q.
     Index coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
     // Set `visible` to the landmarks of positive weight in omega (p,), and h to their
@@ -93,6 +93,7 @@ class ReducedAtoms {
           rows_(workspace.zeros<double>(k * 3 * padded(all.columns))),
           is_copied_(workspace.zeros<bool>(k)) {}
 
+    // The number of coordinates.
     Index q() const { return planes.columns; }
 
     // Set the atoms to the first q columns of (B_i o omega)(I - h h^T); returns their

@@ -80,7 +80,7 @@ struct ActiveSet {
     Index count = 0, capacity;
     Index* index;
     double *x, *sign;
-    double *goal, *column;  // room: the minimum over the used ones, and a right side
+    double *goal, *column;  // scratch: the minimum over the used ones, and a right side
     Cholesky factor;        // of the vectors of the first ones; the others join later
     double multiplier = 0;  // mu of a^T x = 1: h - Q x = mu a at the used ones
 };
@@ -240,12 +240,14 @@ struct DenseTerms {
     const double* a;       // (k,), where `has_scale`
     const double* weight;  // (k,)
     double least;
-    double* score;  // (k,), room
+    double* score;  // (k,), scratch memory
     Index k;
 
-    // Q_ii, h_i and a_i.
+    // Q_ii.
     double square(Index i) const { return Q[i * k + i]; }
+    // h_i.
     double linear_term(Index i, double) const { return h[i]; }
+    // a_i.
     double size(Index i) const { return a[i]; }
 
     // out_e = Q_i,used_e for e < m.

@@ -34,6 +34,7 @@ class Cholesky {
 
     // The number of vectors in use.
     Index size() const { return size_; }
+    // Remove all vectors.
     void clear() { size_ = 0; }
 
     // Let a vector v join: `overlaps` is Q_used,v, with zeros after it up to
@@ -102,12 +103,12 @@ class Cholesky {
         --size_;
     }
 
-    // out = Q^-1 h (padded).
+    // out = Q^-1 h of the vectors in use (padded).
     void solve(double* out) const {
         mix_rows(y_, size_, columns_, stride_, padded(size_), out);
     }
 
-    // x <- Q^-1 x (padded).
+    // x <- Q^-1 x for one number of each vector in use (padded).
     void solve_for(double* x) const {
         for (Index e = size_; e < padded(size_); ++e) x[e] = 0;
         for (Index e = 0; e < size_; ++e)

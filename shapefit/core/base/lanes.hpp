@@ -16,9 +16,10 @@ constexpr double INFINITE = __builtin_huge_val();
 constexpr double NOT_A_NUMBER = __builtin_nan("");
 constexpr double TINY = 1e-300;  // in place of a zero divisor
 
-// sqrt, abs, max, min and so on; sign_of(0) is 0.
+// sqrt(x) and |x|.
 inline double root(double x) { return __builtin_sqrt(x); }
 inline double magnitude(double x) { return __builtin_fabs(x); }
+// The functions of <math.h>.
 inline double exp(double x) { return __builtin_exp(x); }
 inline double log(double x) { return __builtin_log(x); }
 inline double log1p(double x) { return __builtin_log1p(x); }
@@ -27,10 +28,12 @@ inline double cos(double x) { return __builtin_cos(x); }
 inline double copysign(double size, double sign) {
     return __builtin_copysign(size, sign);
 }
+// x^2, max(a, b), min(a, b), and the sign of x, 0 for 0.
 inline double square(double x) { return x * x; }
 inline double larger(double a, double b) { return a > b ? a : b; }
 inline double smaller(double a, double b) { return a < b ? a : b; }
 inline double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
+// Whether x is neither infinite nor nan.
 inline bool is_finite(double x) { return magnitude(x) < INFINITE; }
 
 #if defined(__AVX512F__)
@@ -86,7 +89,7 @@ inline Singles root(Singles x) {
     return x;
 #endif
 }
-// The functions of numbers, lane by lane.
+// max(a, b), min(a, b) and |x|, lane by lane.
 inline Doubles larger(Doubles a, Doubles b) { return a > b ? a : b; }
 inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
 inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
@@ -104,19 +107,21 @@ template <class Lanes>
 inline Lanes all(double x) {
     return Lanes{} + static_cast<Number<Lanes>>(x);
 }
-// The largest lane, and the sum of the lanes.
+// The largest lane.
 template <class Lanes>
 inline double largest(Lanes x) {
     double result = x[0];
     for (int lane = 1; lane < width<Lanes>; ++lane) result = larger(result, x[lane]);
     return result;
 }
+// The sum of the lanes.
 inline double sum(Doubles x) {
     double total = 0;
     for (int lane = 0; lane < WIDTH; ++lane) total += x[lane];
     return total;
 }
 
+// x^2, lane by lane.
 inline Doubles square(Doubles x) { return x * x; }
 
 // exp(x) without a call, so that a loop over many x becomes vector instructions: to a

@@ -81,14 +81,14 @@ namespace {
 constexpr int MAX_SWEEPS = 30;
 constexpr double ROUNDING = 0x1p-56;  // of an entry beside the norm of the matrix
 
-// ||A||_F
+// ||A||_F of a square A.
 double norm(Matrix<const double> A) {
     double total = 0;
     for (Index e = 0; e < A.size[0] * A.size[1]; ++e) total += square(A.data[e]);
     return root(total);
 }
 
-// (x, y) <- (c x - s y, s x + c y)
+// (x, y) <- (c x - s y, s x + c y) for two rows of `count` numbers.
 void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
                  Index count) {
     for (Index e = 0; e < count; ++e) {

@@ -20,7 +20,7 @@ struct CsvRowsData {
     // texts of a row before its numbers; the others follow them
     Index leading = from("leading");
     bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
-    // room for all texts, commas, 25 bytes a number
+    // memory for all texts, commas, 25 bytes a number
     Vector<uint64_t> rows = from("rows", "s");
 };
 

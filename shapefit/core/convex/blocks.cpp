@@ -52,23 +52,26 @@ struct Vector3 {
     Doubles x[3];
 };
 
-// Vectors of three, WIDTH of them at columns c, c + 1, ... of three rows.
+// Load WIDTH vectors of three, the columns c, c + 1, ... of three rows.
 [[gnu::always_inline]] inline Vector3 load3(const double* rows, Index stride, Index c) {
     return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
 }
+// Store WIDTH vectors of three as the columns c, c + 1, ... of three rows.
 [[gnu::always_inline]] inline void store3(double* rows, Index stride, Index c,
                                           const Vector3& v) {
     for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
 }
+// u.v, lane by lane.
 [[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
     return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
 }
-// a u + b v
+// a u + b v, lane by lane.
 [[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b,
                                               const Vector3& v) {
     return {
         {a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
 }
+// u x v, lane by lane.
 [[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
     return {{u.x[1] * v.x[2] - u.x[2] * v.x[1], u.x[2] * v.x[0] - u.x[0] * v.x[2],
              u.x[0] * v.x[1] - u.x[1] * v.x[0]}};

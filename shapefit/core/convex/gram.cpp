@@ -129,8 +129,8 @@ template <int count>
 // before `above` eliminated already; the first tile of these rows holds the diagonal,
 // and sets `share`.
 template <int count, bool first>
-void finish_tile(const GramSystem& s, Index i, Index j, Index above,
-                 double (&share)[BLOCK][BLOCK]) {
+void factorise_tile(const GramSystem& s, Index i, Index j, Index above,
+                    double (&share)[BLOCK][BLOCK]) {
     Tile<count> tile;
     tile.load_factor(s, i, j);
     tile.add_squares(s, i, j);
@@ -145,13 +145,13 @@ void finish_tile(const GramSystem& s, Index i, Index j, Index above,
 // of columns that are left, but at most TILE, and so that no single one remains if
 // possible. Returns its width in vectors.
 template <bool first>
-Index finish_tiles(const GramSystem& s, Index i, Index j, Index above, Index left,
-                   double (&share)[BLOCK][BLOCK]) {
+Index factorise_next_tile(const GramSystem& s, Index i, Index j, Index above,
+                          Index left, double (&share)[BLOCK][BLOCK]) {
     const Index count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
-    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, above, share), TILE;
-    if (count == 3) return finish_tile<3, first>(s, i, j, above, share), 3;
-    if (count == 2) return finish_tile<2, first>(s, i, j, above, share), 2;
-    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
+    if (count >= TILE) return factorise_tile<TILE, first>(s, i, j, above, share), TILE;
+    if (count == 3) return factorise_tile<3, first>(s, i, j, above, share), 3;
+    if (count == 2) return factorise_tile<2, first>(s, i, j, above, share), 2;
+    return factorise_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
            first ? DIAGONAL : 1;
 }
 
@@ -167,17 +167,17 @@ void eliminate_rows(const GramSystem& s, Index i, Index above) {
     double share[BLOCK][BLOCK];
     const Index start = grid_at(i);
     Index left = vectors_from(s, i);
-    Index taken = finish_tiles<true>(s, i, start, above, left, share);
+    Index taken = factorise_next_tile<true>(s, i, start, above, left, share);
     for (Index j = start; left > taken;) {
         j += taken * WIDTH;
         left -= taken;
-        taken = finish_tiles<false>(s, i, j, above, left, share);
+        taken = factorise_next_tile<false>(s, i, j, above, left, share);
     }
 }
 
-// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns. The
-// four found last stay in registers: a vector cannot be loaded yet from where they were
-// stored one by one.
+// Solve L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the
+// columns. The four found last stay in registers: a vector cannot be loaded yet from
+// where they were stored one by one.
 void substitute_back(const GramSystem& s, double* x) {
     double below[BLOCK] = {};
     for (Index i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
@@ -304,9 +304,9 @@ void begin_with_matrix(const GramSystem& s, const double* C, const double* r, In
 
 }  // namespace
 
-// Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd
-// number of lines of the cache apart, or many of them would share the same few places
-// in it.
+// How many numbers apart rows of so many columns are. Tiles read and write up to
+// DIAGONAL vectors beyond the last column; and rows are an odd number of lines of the
+// cache apart, or many of them would share the same few places in it.
 constexpr Index stride_for(Index columns) {
     constexpr Index LINE = PADDING;
     return (padded(columns + 1 + DIAGONAL * WIDTH) / LINE | 1) * LINE;

@@ -33,9 +33,11 @@ class ShiftedGram {
   public:
     ShiftedGram(Workspace& workspace, Index most_rows, Index most_unknowns);
 
-    void set_unknowns(Index n);  // 1 .. most_unknowns; what the rows held is lost
+    // Set the number of unknowns, 1 .. most_unknowns; what the rows held is lost.
+    void set_unknowns(Index n);
     Index unknowns() const { return n_; }
-    Index right_side() const { return tiled_; }  // the column of F that holds f
+    // The column of F that holds f.
+    Index right_side() const { return tiled_; }
     // Row f of F, which the caller writes, with zeros between the unknowns and the
     // right side.
     double* row(Index f) { return F_ + f * stride_; }
@@ -50,10 +52,11 @@ class ShiftedGram {
     // definite.
     void solve(Index rows, const double* C, const double* r, double* x);
 
-    // Overwrite s by (shift I + G)^-1 s in two calls, between which the caller adds row
-    // i of G (rows, rows) to `factor_row(i)`, from the diagonal on.
+    // Set up the system (shift I + G) x = s. The caller then adds row i of G (rows,
+    // rows) to `factor_row(i)`, from the diagonal on, and calls `finish`.
     void begin(Index rows, double shift, const double* s);
     double* factor_row(Index i) { return factor_ + i * stride_; }
+    // Overwrite s by the solution of the system that `begin` has set up.
     void finish(Index rows, double shift, double* s);
 
   private:

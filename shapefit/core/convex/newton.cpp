@@ -78,8 +78,8 @@ class Lagrangian {
           k_(program.padded_atoms()),
           sigma_(FIRST_SIGMA / program.lam) {}
 
-    // Outer iterations until the gap is within the tolerance, or the steps are used up;
-    // returns Newton steps, beside those taken before.
+    // Run outer iterations until the gap is within the tolerance, or the steps are used
+    // up; returns how many Newton steps it took, beside those `taken` before.
     Index solve(Index taken) {
         steps_ = taken;
         for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
@@ -122,7 +122,7 @@ class Lagrangian {
         }
     }
 
-    // sigma lambda, that of the prox.
+    // sigma lambda, the threshold of the prox.
     double threshold() const { return sigma_ * program_.lam; }
 
     // Set phi and its terms at y, for this sigma and M.
@@ -240,7 +240,7 @@ class Lagrangian {
         negate_direction();
     }
 
-    // d <- -d
+    // d <- -d for Newton's direction.
     void negate_direction() {
         for (Index j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }

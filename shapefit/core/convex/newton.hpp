@@ -99,8 +99,8 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
 struct DualBound {
     double scale, value;
 
-    // `largest` is max_i ||y B_i^T||_*, `share` that of the bound which |y| reaches
-    // (none: 0).
+    // The bound by a y with ||y||^2 = yy and <y, w> = yw. `largest` is max_i ||y
+    // B_i^T||_*, `share` the largest |y_j| / bound_j, 0 where there is no bound.
     DualBound(double lam, double delta, double largest, double share, double yy,
               double yw) {
         scale = smaller(lam / larger(largest, TINY), 1 / larger(share, TINY));

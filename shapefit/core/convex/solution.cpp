@@ -226,7 +226,7 @@ class BlockSolver {
           padded_(certifier_.planes.padded_atoms),
           atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
-          work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
+          work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, is_robust() ? 2 * p_ : 0) {
         const auto numbers = [&](Index count) {
             return workspace_.zeros<double>(count);
         };
@@ -276,9 +276,9 @@ class BlockSolver {
 
   private:
     // Whether the loss has sparse errors E.
-    bool robust() const { return program_.bound < INFINITE; }
+    bool is_robust() const { return program_.bound < INFINITE; }
     // Whether the dual of the loss has the term 1/2 ||Y||^2.
-    bool quadratic() const { return program_.delta > 0; }
+    bool is_quadratic() const { return program_.delta > 0; }
     // Coordinates of the reduced landmarks.
     Index q() const { return reduction_.coordinates(); }
 
@@ -292,7 +292,7 @@ class BlockSolver {
             // Without a quadratic the weights move from the residual to the bounds of
             // the dual, f(omega r) = omega f(r): the same program, but well conditioned
             // whatever they are.
-            rho_[j] = !quadratic() && omega[j] > 0 ? 1 : omega[j];
+            rho_[j] = !is_quadratic() && omega[j] > 0 ? 1 : omega[j];
         }
         reduction_.set_weights(rho_);
         if (reduction_.visible_count < 2) return false;
@@ -313,9 +313,9 @@ class BlockSolver {
         units_.landmarks = total > 0 ? root(total) : 1;
         for (Index j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;
         units_.dual =
-            quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
+            is_quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
         for (Index j = 0; j < p_; ++j) {
-            const double weight = quadratic() ? 1 : last_weights_[j];
+            const double weight = is_quadratic() ? 1 : last_weights_[j];
             bounds_[j] = program_.bound * weight / units_.dual;
         }
     }
@@ -391,12 +391,12 @@ class BlockSolver {
     // where `near`; returns how many more steps it took.
     Index solve_reduced(Index image, const ReducedProgram& reduced, bool near,
                         Index taken) {
-        if (robust()) {
+        if (is_robust()) {
             errors_.attach(reduction_, bounds_, task_.point.errors[image].data);
             return solve_lagrangian(reduced, iterate_, errors_, work_, taken);
         }
         Index steps = 0;
-        if (near && quadratic()) {
+        if (near && is_quadratic()) {
             correlate(atoms_.planes, iterate_.y, iterate_.y + q(), work_.N);
             const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, work_);
             steps = end.steps;
@@ -436,7 +436,7 @@ class BlockSolver {
                 const Index j = reduction_.visible[m];
                 const double weight = rho_[j] / last_weights_[j];
                 Y[j] = Y_[a * p_ + j] * weight;
-                if (robust()) E[j] *= units_.landmarks / weight;
+                if (is_robust()) E[j] *= units_.landmarks / weight;
             }
         }
     }
@@ -451,7 +451,7 @@ class BlockSolver {
             task_.end.status[image] = Status::NUMERICAL_FAILURE;
             return;
         }
-        const bool exact = !quadratic() && !robust();
+        const bool exact = !is_quadratic() && !is_robust();
         const double worst = exact ? larger(gap, task_.proof.residual[image]) : gap;
         task_.end.status[image] = worst <= task_.options.tolerance
                                       ? Status::OPTIMAL
@@ -459,19 +459,20 @@ class BlockSolver {
     }
 
     // Scale E from the unit of the weighted residual, which certificates use, back to
-    // that of the solver, or on to that of the landmarks.
+    // that of the solver.
     void scale_errors_to_solver(Index image) {
         scale_errors(image, [&](Index j) {
             return rho_[j] / last_weights_[j] / units_.landmarks;
         });
     }
+    // Scale E from the unit of the weighted residual to that of the landmarks.
     void scale_errors_to_landmarks(Index image) {
         scale_errors(image, [&](Index j) { return 1 / last_weights_[j]; });
     }
     // E_j *= scale(j) of the visible landmarks.
     template <class Scale>
     void scale_errors(Index image, const Scale& scale) {
-        if (!robust()) return;
+        if (!is_robust()) return;
         for (int a = 0; a < 2; ++a)
             for (Index m = 0; m < reduction_.visible_count; ++m) {
                 const Index j = reduction_.visible[m];
@@ -479,7 +480,7 @@ class BlockSolver {
             }
     }
 
-    // Take as many places of the common list as there are transforms, and fill them.
+    // Append the transforms of the image to the common list of all images.
     void append_transforms(Index image) {
         const Index count = active_.count;
         const Index at =
@@ -491,7 +492,7 @@ class BlockSolver {
                sizeof(double) * 6 * count);
     }
 
-    // State that too few landmarks of the image are seen to solve anything.
+    // Write that too few landmarks of the image are visible to solve anything.
     void set_degenerate(Index image) {
         task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;

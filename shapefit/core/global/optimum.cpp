@@ -77,6 +77,7 @@ class DroppedCells {
           corners_(data.corners[image]),
           cuts_(data.cuts[image]) {}
 
+    // Forget all cells.
     void clear() { count_ = 0; }
 
     // Write the corners of a cell and the cut it was dropped at, if there is room.

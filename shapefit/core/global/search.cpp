@@ -83,7 +83,7 @@ void Vertices::begin(const RootCells& roots) {
     }
 }
 
-bool Vertices::middle(int a, int b, int& number) {
+bool Vertices::find_middle(int a, int b, int& number) {
     const uint64_t low = a < b ? a : b, high = a < b ? b : a;
     const uint64_t key = (high << 32 | low) + 1;
     if (2 * count_ >= table_) grow_table();
@@ -110,7 +110,7 @@ void Vertices::set_cut(double value) {
 }
 
 // The smaller root of s <Y, w> - s^2 ||Y||^2 / 2 = cut.
-bool Vertices::reaches(Vertex& vertex) const {
+bool Vertices::reaches_cut(Vertex& vertex) const {
     if (vertex.scaled_for != number_of_cut_) {
         const double goal = cut_ + ROUNDING * objective_.square, a = vertex.square,
                      b = vertex.along;
@@ -385,7 +385,7 @@ bool CellSearch::take(Cell& cell) {
 bool CellSearch::is_dropped(const Cell& cell, int& edge) {
     ++tested;
     for (int number : cell.vertex)
-        if (!vertices.reaches(vertices[number])) {
+        if (!vertices.reaches_cut(vertices[number])) {
             edge = longest_edge(cell);
             return false;
         }
@@ -395,9 +395,9 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
     return false;
 }
 
-// The edge with the most violation times length, among those that are not much shorter
-// than others: without this cells flatten. Where no edge is violated the longest, and
-// after some splits too, so that every cell gets small in the end.
+// The edge to split: that with the most violation times length, among those that are
+// not much shorter than others: without this cells flatten. Where no edge is violated
+// the longest, and after some splits too, so that every cell gets small in the end.
 int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
     double length[EDGES], longest = 0, most = 0;
     int chosen = longest_edge(cell);
@@ -418,7 +418,7 @@ int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
 bool CellSearch::split(const Cell& cell, int edge, int& middle) {
     if (waiting_ + 2 > capacity_) return false;
     const int a = EDGE[edge][0], b = EDGE[edge][1];
-    if (!vertices.middle(cell.vertex[a], cell.vertex[b], middle)) return false;
+    if (!vertices.find_middle(cell.vertex[a], cell.vertex[b], middle)) return false;
     const int passed = edge == longest_edge(cell) ? 0 : cell.passed + 1;
     for (int end : EDGE[edge]) {
         Cell& half = stack_[waiting_++];
@@ -433,7 +433,7 @@ double CellSearch::prove_rest() {
     const auto holds = [&](const Cell& cell, double cut) {
         vertices.set_cut(cut);
         for (int number : cell.vertex)
-            if (!vertices.reaches(vertices[number])) return false;
+            if (!vertices.reaches_cut(vertices[number])) return false;
         return evaluate(cell).dropped;
     };
     double proven = vertices.cut();

@@ -69,14 +69,14 @@ class Vertices {
 
     // Set `number` to that of the vertex half-way between vertices a and b, which is
     // added where it is new; false where there is no memory for it.
-    bool middle(int a, int b, int& number);
+    bool find_middle(int a, int b, int& number);
 
     // Set the cut, which D(s Y) of a vertex has to reach.
     void set_cut(double value);
 
     // Whether D(s Y) of a vertex reaches the cut for any s; `scale` is set to the
     // least.
-    bool reaches(Vertex& vertex) const;
+    bool reaches_cut(Vertex& vertex) const;
 
     Vertex& operator[](int number) { return *all_[number]; }
     int count() const { return count_; }

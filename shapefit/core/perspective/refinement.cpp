@@ -54,7 +54,7 @@ class Refinement {
     // F at that position, for a softness s.
     double value(double soft) { return evaluate(shapes_, observations_, here(), soft); }
 
-    // Levenberg-Marquardt steps from the start; see `refine`.
+    // Take Levenberg-Marquardt steps from the start until F hardly falls; see `refine`.
     Refined descend() {
         double soft = larger(1, data_.softness), damping = FIRST_DAMPING;
         project(shapes_, observations_, here());

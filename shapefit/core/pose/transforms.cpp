@@ -86,7 +86,7 @@ double ascend(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
 
 // Set R to the best of the local maxima of sum_i max(0, <M_i, Rbar>)^2 from several
 // starts: the sum of all blocks M (k, 2, 3), and the largest of them. norms (k,) is
-// room.
+// scratch memory.
 void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) {
     double start[6] = {};
     Rotation trial;
@@ -134,7 +134,7 @@ void polar_of_rank_one(const double* A, double xx, double yy, double xy, Rotatio
     }
 }
 
-// What the singular values of M (2, 3) are made of, see convex/blocks.hpp.
+// s1^2 + s2^2, s1 s2 and s1^2 - s2^2 of the singular values of M (2, 3).
 Invariants<double> invariants_of(const double* M) {
     return invariants<double>({M[0], M[1], M[2], M[3], M[4], M[5]});
 }

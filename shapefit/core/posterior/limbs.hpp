@@ -28,7 +28,7 @@ class LimbLengths {
     LimbLengths(Workspace& workspace, const PosteriorData& data);
 
     // Whether the usual length of any limb is known.
-    bool known() const { return count_ > 0; }
+    bool are_known() const { return count_ > 0; }
 
     // Condition a mode on the lengths: its mean y (3 p,) and its covariance C (3 p, 3
     // p), all x first, then y, then z, are overwritten, C below its diagonal and on it.

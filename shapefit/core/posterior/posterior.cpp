@@ -306,7 +306,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         const Index lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
         if (lane == 0) {
-            const bool whole = mixture.whole || most_stored || limbs.known();
+            const bool whole = mixture.whole || most_stored || limbs.are_known();
             describe_modes(data, group, modes, i, whole, lanes, description);
         }
         const auto C = [&](Index e, Index f) {
@@ -316,7 +316,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         for (Index e = 0; e < d; ++e)
             mode.mean[e] = description.mean[description.row[e]][lane];
         if (rank < most_stored) store(data, group, mode, rank, C);
-        if (limbs.known()) {
+        if (limbs.are_known()) {
             for (Index e = 0; e < d; ++e)
                 for (Index f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
             const double lost = limbs.condition(mode.mean, covariance);
@@ -329,7 +329,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         for (Index e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
         ++rank;
         if (i + 1 < modes.count && image_of(i + 1) == image) continue;
-        if (limbs.known())
+        if (limbs.are_known())
             Reweighed{mixture, least_lost}.finish(data, modes, i + 1 - rank, i, image);
         for (; rank; --rank) {
             const Mode& of = modes[i + 1 - rank];
@@ -373,7 +373,7 @@ void find_posterior(const PosteriorData& data, Range range) {
     Description description(workspace, p);
     Modes modes(workspace, group.capacity * ascents_per_image(data), p);
     LimbLengths limbs(workspace, data);
-    double* covariance = workspace.zeros<double>(limbs.known() ? 9 * p * p : 0);
+    double* covariance = workspace.zeros<double>(limbs.are_known() ? 9 * p * p : 0);
     for (Index image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (Index i = 0; i < data.mode_component.size[1]; ++i) {

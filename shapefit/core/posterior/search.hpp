@@ -100,9 +100,11 @@ struct Ascents {
         }
     }
 
-    // The lanes of block b, those that hold ascent i, and the number of blocks.
+    // Block b.
     Ascent<Lanes>& block(Index b) const { return lanes[b]; }
+    // The block that holds ascent i, in lane i % width.
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
+    // The number of blocks.
     Index blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
     // Append a copy of ascent i of a list, which may be this one if i is in it or
     // behind its end.
@@ -114,7 +116,7 @@ struct Ascents {
         });
         origin[count++] = from.origin[i];
     }
-    // Fill the last block with copies of ascents, which do not count.
+    // Fill the last block with copies of ascents, without counting them.
     void pad() {
         const Index own = count;
         while (count % width<Lanes>) append(*this, count - own % width<Lanes>);

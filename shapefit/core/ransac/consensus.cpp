@@ -94,8 +94,8 @@ struct Triple {
     Index index[TRIPLE];
 };
 
-// An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of
-// Steele, Lea and Flood (2014).
+// A random integer of 0 .. m - 1, the same on every machine; `state` becomes the next
+// one. SplitMix64 of Steele, Lea and Flood (2014).
 Index draw_below(uint64_t& state, Index m) {
     state += 0x9E3779B97F4A7C15u;
     uint64_t z = state;
@@ -105,7 +105,8 @@ Index draw_below(uint64_t& state, Index m) {
     return static_cast<Index>(((z >> 32) * static_cast<uint64_t>(m)) >> 32);
 }
 
-// Three different integers of 0..m-1, m >= 3, all ordered triples equally likely.
+// Three different random integers of 0 .. m - 1, m >= 3, all ordered triples equally
+// likely.
 Triple draw_triple(uint64_t& state, Index m) {
     const Index i = draw_below(state, m);
     Index j = draw_below(state, m - 1), k = draw_below(state, m - 2);
@@ -160,7 +161,7 @@ struct Plane {
 };
 
 // The plane of the three shape points of each triple, in an orthonormal basis.
-Plane span(const TripleLanes& triple) {
+Plane plane_of(const TripleLanes& triple) {
     Plane plane;
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
@@ -177,7 +178,7 @@ void pose_triples(const VisibleLandmarks& visible, const Triple* triples,
                   Pose<Doubles> poses[2]) {
     TripleLanes triple{};
     gather(visible, triples, triple);
-    const Plane plane = span(triple);
+    const Plane plane = plane_of(triple);
     Doubles G[2][2], normal[2];
     for (int a = 0; a < 2; ++a) {
         G[a][0] = triple.to_w[0][a] / plane.base;
@@ -371,7 +372,7 @@ double share_of_triples(Index inliers, Index m) {
     return larger(share, 0);
 }
 
-// The pose in one lane.
+// The pose in a lane.
 Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
     Pose<double> pose;
     pose.size = poses.size[lane];

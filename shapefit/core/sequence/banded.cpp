@@ -22,21 +22,21 @@ void scale_columns(const double* C, const double* scale, Index n, double* out) {
         for (Index j = 0; j < n; ++j) out[i * n + j] = C[i * n + j] * scale[j];
 }
 
-// C (n, n) -= A^T B for A as `Factor` reads it; `subtract_upper` leaves out tiles that
-// lie in the lower triangle.
+// C_ij -= sum_k A_ki B_kj for C (n, n).
 void subtract(Factor A, const double* B, double* C, Index n) {
     add_product(-1, A, B, C, n, n, n, n, every(n));
 }
+// C_ij -= sum_k A_ki B_kj for C (n, n), but for tiles in the lower triangle.
 void subtract_upper(Factor A, const double* B, double* C, Index n) {
     add_product(-1, A, B, C, n, n, n, n, upper(n));
 }
 
 }  // namespace
 
-void Banded::find_tied(const SequenceData& data, Index f, Index lag,
-                       double* tied) const {
+void Banded::find_motion_diagonal(const SequenceData& data, Index f, Index lag,
+                                  double* tied) const {
     const Index p = data.stiffness.size[0];
-    const double with = tie(data, f, lag);
+    const double with = difference_product(data, f, lag);
     for (Index e = 0; e < D_; ++e)
         tied[e] = e < 3 * p ? with * data.stiffness[e % p] : 0.0;
 }
@@ -51,8 +51,8 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones,
         if (!is_finite(cholesky_inverse(S_, V(f), D_, D_))) return false;
         finish_right_side(f);
         if (f + 1 == t_) break;
-        tie_to_next(data, f);
-        tie_to_second(data, f);
+        find_next_block(data, f);
+        find_second_block(data, f);
     }
     return true;
 }
@@ -62,7 +62,7 @@ void Banded::begin_frame(const SequenceData& data, const Place& at, Index f,
                          Bones bones, double damping) {
     const Index d = data.points.size[1];
     derive(data, at, f, bones, S_, R_, E_);
-    find_tied(data, f, 0, tied_);
+    find_motion_diagonal(data, f, 0, tied_);
     for (Index e = 0; e < d; ++e) S_[e * D_ + e] += tied_[e] + damping;
 }
 
@@ -82,7 +82,7 @@ void Banded::subtract_earlier_frames(Index f) {
     }
 }
 
-// F_f = V_f R; products += F_f^T F_f.
+// Set F_f = V_f R, and add F_f^T F_f to the products.
 void Banded::finish_right_side(Index f) {
     const Index D = D_, E = E_;
     clear(F(f), D * E);
@@ -90,12 +90,12 @@ void Banded::finish_right_side(Index f) {
     add_product(1, transposed(F(f), E), F(f), products_, E, E, E, E, every(D));
 }
 
-// The factor's block of frames f and f + 1,
-// N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)).
-void Banded::tie_to_next(const SequenceData& data, Index f) {
+// Set N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)), the factor's block of frames f and f
+// + 1.
+void Banded::find_next_block(const SequenceData& data, Index f) {
     const Index D = D_;
     clear(S_, D * D);
-    find_tied(data, f, 1, tied_);
+    find_motion_diagonal(data, f, 1, tied_);
     for (Index e = 0; e < D; ++e) S_[e * D + e] = tied_[e];
     if (f > 0)
         add_product(-1, transposed(N(f - 1), D), W(f - 1), S_, D, D, D, D,
@@ -104,9 +104,9 @@ void Banded::tie_to_next(const SequenceData& data, Index f) {
     add_product(1, plain(V(f), D), S_, N(f), D, D, D, D, up_to_row());
 }
 
-// W_f = V_f A_f,f+2.
-void Banded::tie_to_second(const SequenceData& data, Index f) {
-    find_tied(data, f, 2, tied_);
+// Set W_f = V_f A_f,f+2, the factor's block of frames f and f + 2.
+void Banded::find_second_block(const SequenceData& data, Index f) {
+    find_motion_diagonal(data, f, 2, tied_);
     scale_columns(V(f), tied_, D_, W(f));
 }
 
@@ -121,7 +121,7 @@ void Banded::solve(const SequenceData& data, const double* x,
             for (Index i = 0; i < D; ++i)
                 left[i] -= dot_padded(N(f) + i * D, out[f + 1].data, D);
         if (f + 2 < t_) {
-            find_tied(data, f, 2, tied);
+            find_motion_diagonal(data, f, 2, tied);
             for (Index i = 0; i < D; ++i) tied[i] *= out[f + 2][i];
             for (Index i = 0; i < D; ++i)
                 left[i] -= dot_padded(V(f) + i * D, tied, padded(i + 1));
@@ -169,7 +169,7 @@ void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) c
     const Index D = D_;
     multiply_out(V(f), Sigma.here, D, D);
     mirror(Sigma.here, D, D);
-    find_tied(data, f, 2, tied_);
+    find_motion_diagonal(data, f, 2, tied_);
     scale_columns(Sigma.here, tied_, D, Sigma.GW);
     clear(Sigma.GN, D * D);
     if (f + 1 < t_)

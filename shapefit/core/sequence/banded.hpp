@@ -66,14 +66,15 @@ class Banded {
 
     // tied (D,) = the diagonal of the term of the motion in A_f,f+lag; for a lag of 2
     // W_f = V_f diag(tied).
-    void find_tied(const SequenceData& data, Index f, Index lag, double* tied) const;
+    void find_motion_diagonal(const SequenceData& data, Index f, Index lag,
+                              double* tied) const;
 
     void begin_frame(const SequenceData& data, const Place& at, Index f, Bones bones,
                      double damping);
     void subtract_earlier_frames(Index f);
     void finish_right_side(Index f);
-    void tie_to_next(const SequenceData& data, Index f);
-    void tie_to_second(const SequenceData& data, Index f);
+    void find_next_block(const SequenceData& data, Index f);
+    void find_second_block(const SequenceData& data, Index f);
 
     void find_gains(const SequenceData& data, Index f, Covariances& Sigma) const;
     void find_covariances(Covariances& Sigma) const;
@@ -90,7 +91,7 @@ class Banded {
     double* W_;             // (3, D, D)
     double *S_, *R_;        // Hessian and right sides of the frame at work
     double* products_;      // (E, E)
-    double* covariances_;   // room for Covariances
+    double* covariances_;   // memory for Covariances
     double* turned_;        // (D, D)
     double *tied_, *left_;  // (D,)
 };

@@ -74,7 +74,7 @@ double length_gradient(const SequenceData& data, const Place& at, Index b) {
     return total;
 }
 
-double tie(const SequenceData& data, Index f, Index lag) {
+double difference_product(const SequenceData& data, Index f, Index lag) {
     double total = 0;
     for (int a = 0; a + lag < 3 && a <= f; ++a) {
         // f is member a of the difference that begins at f - a
@@ -84,7 +84,7 @@ double tie(const SequenceData& data, Index f, Index lag) {
     return total;
 }
 
-void measure(const SequenceData& data, Place& at, double* scratch) {
+void evaluate(const SequenceData& data, Place& at, double* scratch) {
     const Index t = at.y.size[0], p = data.stiffness.size[0];
     double energy = 0;
     for (Index b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
@@ -146,8 +146,8 @@ void derive(const SequenceData& data, const Place& at, Index f, Bones bones, dou
         R[e * E] += weight[e] * (y[e] - w[e]);
     }
     for (Index other = f < 2 ? 0 : f - 2; other <= f + 2 && other < t; ++other) {
-        const double tied =
-            other < f ? tie(data, other, f - other) : tie(data, f, other - f);
+        const double tied = other < f ? difference_product(data, other, f - other)
+                                      : difference_product(data, f, other - f);
         for (int a = 0; a < 3; ++a)
             for (Index j = 0; j < p; ++j)
                 R[(a * p + j) * E] += tied * data.stiffness[j] * at.y[other][a * p + j];

@@ -78,7 +78,7 @@ struct Place {
 // Evaluate the objective at y and l of `at`, and store its energies, the gradient of
 // the mixtures, the shares of the modes and the excess lengths there. `scratch` (1 + K,
 // D).
-void measure(const SequenceData& data, Place& at, double* scratch);
+void evaluate(const SequenceData& data, Place& at, double* scratch);
 
 // The Hessian of the term of the bones: Gauss and Newton's, with their directions
 // fixed, which is never negative, or the whole of it.
@@ -105,6 +105,6 @@ double multiply_symmetric(const double* P, const double* x, Index d,
 
 // Entry (f, f + lag) of D^T D, for D the matrix of the second differences over the
 // frames.
-double tie(const SequenceData& data, Index f, Index lag);
+double difference_product(const SequenceData& data, Index f, Index lag);
 
 }  // namespace shapefit

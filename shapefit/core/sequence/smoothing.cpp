@@ -55,12 +55,12 @@ struct Step {
         : frames(workspace.matrix<double>(data.points.size[0],
                                           padded(data.points.size[1]))),
           lengths(workspace.vector<double>(data.lengths.size[0])),
-          schur(workspace.zeros<double>(square_of(data))),
-          inverse(workspace.zeros<double>(square_of(data))),
+          schur(workspace.zeros<double>(matrix_size(data))),
+          inverse(workspace.zeros<double>(matrix_size(data))),
           side(workspace.zeros<double>(padded(data.lengths.size[0]))) {}
 
     // How many numbers there are in a matrix over the lengths, padded.
-    static Index square_of(const SequenceData& data) {
+    static Index matrix_size(const SequenceData& data) {
         const Index e = padded(data.lengths.size[0]);
         return e * e;
     }
@@ -133,7 +133,7 @@ void smooth_sequence(const SequenceData& data) {
     double* scratch = workspace.zeros<double>((1 + data.log_share.size[1]) * padded(d));
     copy_rows(data.points, at->y, d);
     for (Index b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
-    measure(data, *at, scratch);
+    evaluate(data, *at, scratch);
     double damping = FIRST_DAMPING;
     Index rounds = 0;
     while (rounds < data.max_rounds) {
@@ -143,7 +143,7 @@ void smooth_sequence(const SequenceData& data) {
                 !find_step(data, *at, factor, step))
                 continue;
             move(*at, step, *tried);
-            measure(data, *tried, scratch);
+            evaluate(data, *tried, scratch);
             lower = tried->energy <= at->energy;
             if (lower) break;
         }
