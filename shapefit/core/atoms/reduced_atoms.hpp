@@ -16,6 +16,7 @@
 
 namespace shapefit {
 
+// The reduction of the landmarks and atoms of an image, which follows from its weights.
 struct Reduction {
     Index visible_count = 0;  // visible landmarks; q = visible_count - 1
     Vector<Index> visible;    // (p,) their indices

@@ -31,8 +31,8 @@ bool factorise_rows(double* S, Index i, Index stride, double& log_det) {
     return true;
 }
 
-// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for rows i .. i + 3, which hold the sum
-// over k < i already.
+// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for rows i .. i + 3, which already hold
+// -sum_(k < i) U_kr V_k.
 void invert_rows(const double* U, double* V, Index i, Index stride) {
     for (Index r = i; r < i + TILE_ROWS; ++r) {
         double* row = V + r * stride;

@@ -130,6 +130,7 @@ inline Index place_of(double value, const double* x, Index n) {
 // Rows of B and C are padded and their strides multiples of PADDING; A is read number
 // by number, in either order. A tile is 4 rows and up to 3 vectors wide.
 
+// A matrix A that is read number by number.
 struct Factor {
     const double* data;
     Index by_k, by_i;  // A_ki is data[k * by_k + i * by_i]

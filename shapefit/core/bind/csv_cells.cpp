@@ -10,6 +10,7 @@
 
 namespace shapefit {
 
+// Cells that may be numbers.
 struct CsvNumbersData {
     Arguments& from;
     Vector<const uint64_t> letters = from("letters", "w");
@@ -19,6 +20,7 @@ struct CsvNumbersData {
     Vector<bool> is_read = from("is_read", "n");  // false for what else may be a number
 };
 
+// Cells that are texts.
 struct CsvTextsData {
     Arguments& from;
     Vector<const uint64_t> letters = from("letters", "w");

@@ -8,6 +8,7 @@
 
 namespace shapefit {
 
+// The texts and numbers of the rows of a table.
 struct CsvRowsData {
     Arguments& from;
     // of the texts, one after another

@@ -48,6 +48,7 @@ namespace {
 constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
+// WIDTH vectors of three, one a lane.
 struct Vector3 {
     Doubles x[3];
 };

@@ -12,6 +12,7 @@
 
 namespace shapefit {
 
+// s1^2 + s2^2, s1 s2 and s1^2 - s2^2 of a block.
 template <class Number>
 struct Invariants {
     Number trace, product, discriminant;  // A + C, r, sqrt((A - C)^2 + 4 D^2)
@@ -97,6 +98,7 @@ double largest_nuclear_norm(const double* N, Index k);
 enum class Weighing { derivative, resolvent };
 constexpr double MAX_WEIGHT = 1e3;
 
+// The active blocks of an image, block c of which is that of atom index[c].
 struct ActiveBlocks {
     Index count = 0;
     double norms = 0;         // sum of the spectral norms of prox

@@ -77,12 +77,14 @@ struct ConvexOptions {
     Index max_steps = from("max_steps");
 };
 
+// How many steps the solver took on each image, and how it ended.
 struct ConvexEnd {
     Arguments& from;
     Vector<int64_t> steps = from("steps", "n");    // Newton steps
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 
+// Programs to solve, and what is written of each.
 struct ConvexTask {
     Arguments& from;
     ConvexProgram program{from};

@@ -34,6 +34,8 @@ struct NoErrors {
     void write_matrix(double, double*) const {}
 };
 
+// The sparse errors E of one image after another, with the dual Y and a direction D of
+// it.
 class SparseErrors {
   public:
     static constexpr bool robust = true;
@@ -49,7 +51,8 @@ class SparseErrors {
     void begin(double threshold, const double* y, Index q);
     // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the direction D.
     double value(double step) const;
-    // Find fresh E = soft(E + rho Y), and add it, reduced, to the gradient g (2, q).
+    // Find fresh E = soft(E + rho Y), and add it, reduced, to the gradient g (2, q);
+    // returns how far E moves, and how close Y is to its bounds.
     ErrorsPoint find(double* g, Index q);
     // The loss sum_aj bound_j |fresh E_aj|. Without a quadratic the errors are what
     // makes the fit exact, fresh E less the gradient g (2, q) at all landmarks.

@@ -40,6 +40,7 @@
 
 namespace shapefit {
 
+// The convex program of one image in reduced coordinates, and when to stop.
 struct ReducedProgram {
     ReducedAtoms& atoms;
     const double* w;  // (2, q)
@@ -84,6 +85,7 @@ Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
                        SparseErrors& errors, NewtonWorkspace& work, Index taken);
 
+// How many Newton steps were taken, and whether the tolerance was reached.
 struct PrimalDualEnd {
     Index steps;
     bool solved;

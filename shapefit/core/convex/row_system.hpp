@@ -19,6 +19,7 @@
 
 namespace shapefit {
 
+// The system in the space of the rows, of one image after another.
 class RowSystem {
   public:
     RowSystem(Workspace& workspace, Index padded_atoms);

@@ -64,6 +64,7 @@ struct Certifier {
                  const ConvexProof& proof);
 };
 
+// The objective, and the squared norms of residual and landmarks, as far as summed.
 struct Sums {
     double primal = 0, residual = 0, scale = 0;
 };
@@ -246,9 +247,9 @@ class BlockSolver {
 
     // Solve and certify an image, and write what the task asks for.
     void solve(Index image) {
-        const bool same_mask = take_weights(image);
+        const bool same_mask = reduce_atoms(image);
         if (reduction_.visible_count < 2) return set_degenerate(image);
-        take_landmarks(image);
+        reduce_landmarks(image);
         ReducedProgram reduced{atoms_,
                                w_,
                                program_.lam[image] / (units_.dual * units_.atoms),
@@ -284,7 +285,7 @@ class BlockSolver {
 
     // Reduce the atoms by the weights of an image, unless these are the last image's;
     // returns whether they are.
-    bool take_weights(Index image) {
+    bool reduce_atoms(Index image) {
         const Vector<const double> omega = program_.weights[image];
         if (are_equal(omega.data, last_weights_.data, p_)) return true;
         for (Index j = 0; j < p_; ++j) {
@@ -305,7 +306,7 @@ class BlockSolver {
 
     // Reduce the landmarks of an image and scale them to ||w|| = 1; set units and
     // bounds.
-    void take_landmarks(Index image) {
+    void reduce_landmarks(Index image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
         reduction_.reduce_landmarks(W, rho_.data, w_, q());
@@ -361,8 +362,7 @@ class BlockSolver {
         return dot(left, left, n) < MAX_UNEXPLAINED_SHARE * dot(w_, w_, n);
     }
 
-    // Set `active_` to the transforms of M (6, padded) that are not 0; beyond the atoms
-    // nothing counts.
+    // Set `active_` to the transforms of M (6, padded) that are not 0, but for padding.
     void list_active(const double* M) {
         active_.count = 0;
         for (Index i = 0; i < padded_; i += WIDTH) {

@@ -89,6 +89,7 @@ constexpr double DAMPING = 1e-3;  // of the first curvature, beside its trace
 constexpr double MIN_CURVATURE =
     1e-10;  // share of |s| |y| from which s.y counts as positive
 
+// A rotation, v there and its gradient.
 struct Point {
     Rotation R;
     double value, gradient[3];

@@ -246,6 +246,7 @@ constexpr int triple_of(int a, int pair) {
     return t;
 }
 
+// triple[a][pair] is triple_of(a, pair).
 struct Targets {
     constexpr Targets() : triple() {
         for (int a = 0; a < 4; ++a)
@@ -256,8 +257,8 @@ struct Targets {
 };
 constexpr Targets TARGETS;
 
-// Set the forms of a cell; its corners take the signs of the hemisphere about the
-// first.
+// Set the factors s_a Q(q_b, q_c) and the products q_b.q_c of a cell, whose corners
+// take the signs of the hemisphere about the first.
 void find_forms(const Vertex* const* corner, Forms& forms) {
     double q[4][4];
     for (int a = 0; a < 4; ++a) {

@@ -56,6 +56,7 @@ struct Vertex {
     double* x;         // (capacity,)
 };
 
+// All vertices of an image's cells, by number.
 class Vertices {
   public:
     Vertices(Workspace& workspace, RotationObjective& objective, Index most);

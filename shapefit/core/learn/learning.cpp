@@ -66,6 +66,7 @@ void code(const CodingData& data, Range range) {
 
 const Exported<code> code_exported{"code"};
 
+// Positive definite matrices to be factorised.
 struct FactorData {
     Arguments& from;
     // M = L L^T, L^-1 in its place

@@ -13,6 +13,7 @@
 
 namespace shapefit {
 
+// The refinements of n images: their data, starts and results.
 struct PerspectiveData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // w
@@ -96,6 +97,7 @@ struct Observations {
     int64_t* index;        // (filled,)
 };
 
+// The pose and the coefficients of an image.
 struct Unknowns {
     Rotation R;
     double t[3];

@@ -14,12 +14,14 @@ constexpr double MIN_LAST_FALL = 1e-10;
 // And the softer ones before it.
 constexpr double MIN_EARLY_FALL = 1e-2;
 
+// The end of a refinement: F, how many rounds it took, and a Status.
 struct Refined {
     double objective;
     Index rounds;
     int64_t status;
 };
 
+// The refinement of one image after another, with the same atoms.
 class Refinement {
   public:
     Refinement(Workspace& workspace, const PerspectiveData& data)

@@ -68,6 +68,7 @@ Model model_at(const ShapeMoments& moments, const Rotation& R) {
     return model;
 }
 
+// A step of the trust region, a turn in radians.
 struct Step {
     double turn[3];
     double fall;   // of the model

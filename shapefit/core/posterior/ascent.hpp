@@ -75,6 +75,7 @@ void each_pair(Ascent<One>& one, const Ascent<Other>& other, Index p, const Set&
     }
 }
 
+// Memory for the ascents of a block: a trial step, and the likelihood there.
 template <class Lanes>
 struct AscentSpace {
     AscentSpace(Workspace& workspace, Index p)

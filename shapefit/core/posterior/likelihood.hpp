@@ -130,6 +130,7 @@ struct LaneView {
     Lanes log_scale;
 };
 
+// The log likelihood at a view and its derivatives over theta.
 template <class Lanes>
 struct Likelihood {
     Lanes value;

@@ -21,6 +21,7 @@ constexpr double NEGLIGIBLE = 6;
 constexpr double LAPLACE = 1;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
+// A mode of the posterior of an image.
 struct Mode {
     Origin origin;
     Index component;

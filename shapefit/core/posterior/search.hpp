@@ -106,8 +106,8 @@ struct Ascents {
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
     // The number of blocks.
     Index blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
-    // Append a copy of ascent i of a list, which may be this one if i is in it or
-    // behind its end.
+    // Append a copy of ascent i of a list, which may be this one; its ascents stay in
+    // memory behind its end.
     template <class Others>
     void append(const Ascents<Others>& from, Index i) {
         const Index to_lane = count % width<Lanes>, lane = i % width<Others>;

@@ -90,6 +90,7 @@ struct VisibleLandmarks {
     int64_t* index;  // among all landmarks
 };
 
+// Three of the visible landmarks.
 struct Triple {
     Index index[TRIPLE];
 };

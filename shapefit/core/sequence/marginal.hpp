@@ -43,8 +43,8 @@ class Marginal {
     void write(const SequenceData& data, const Place& at, Index f, const double* Sigma);
 
   private:
-    // Set `whole_` to the covariance of frame f with its whole mixture; false where
-    // Sigma is as good.
+    // Set `whole_` to the covariance of frame f with its whole mixture; false where the
+    // mixture has one mode, or rounding hides the others: then it is Sigma.
     bool mix(const SequenceData& data, const Place& at, Index f, const double* Sigma);
     // Set Q_k^-1 and delta_k of mode k of frame f; returns the log of its weight, but
     // for a constant, or -infinity where rounding has left Q_k without a factor.

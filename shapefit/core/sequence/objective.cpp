@@ -3,6 +3,8 @@
 namespace shapefit {
 namespace {
 
+// The landmarks i and j at the ends of a bone, the unit vector from j to i, and its
+// length.
 struct Bone {
     Index i, j;
     double along[3], length;

@@ -50,6 +50,7 @@ constexpr double MAX_STEP = 0.5;
 constexpr double FIRST_DAMPING = 1e-1, MIN_DAMPING = 1e-2, MAX_DAMPING = 1e8;
 constexpr double DAMPING_INCREASE = 6, DAMPING_DECREASE = 5;
 
+// A step of frames and lengths, and the system of the lengths.
 struct Step {
     Step(Workspace& workspace, const SequenceData& data)
         : frames(workspace.matrix<double>(data.points.size[0],
