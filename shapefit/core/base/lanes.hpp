@@ -95,7 +95,7 @@ inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
 inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
 inline Singles smaller(Singles a, Singles b) { return a < b ? a : b; }
 inline Doubles magnitude(Doubles x) { return x < 0.0 ? -x : x; }
-// x in all lanes.
+// A vector with x in all lanes.
 inline Doubles all(double x) { return Doubles{} + x; }
 // For functions of lanes of either precision: the type of a lane, the number of lanes,
 // and x in all of them.
@@ -153,8 +153,8 @@ inline double power_of_e(double x) {
     return series * __builtin_bit_cast(double, exponent);
 }
 
-// log(1 + x) without a call, likewise: for finite x >= 0, to a relative error of a few
-// roundings; nan for nan.
+// log(1 + x) without a call, so that a loop over many x becomes vector instructions:
+// for finite x >= 0, to a relative error of a few roundings; nan for nan.
 //
 // 1 + x = 2^e (1 + f) with 1 + f in [0.7, 1.42), and e = 0, f = x without rounding for
 // small x: then log(1 + f) = 2 atanh(s) = 2 s (1 + s^2 / 3 + s^4 / 5 + ...) at s = f /

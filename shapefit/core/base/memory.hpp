@@ -28,7 +28,7 @@ struct View {
         part.data = data + i * stride;
         return part;
     }
-    // The same array, to be read only.
+    // This array, for those who only read it.
     operator View<const T, rank>() const
         requires(!std::is_const_v<T>)
     {

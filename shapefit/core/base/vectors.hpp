@@ -194,24 +194,26 @@ inline void add_product(double sign, Factor A, const double* B, double* C, Index
 
 // The last argument of add_product: which k a tile is summed over.
 
-// All k < n.
+// Each tile is summed over all k < n.
 inline auto every(Index n) {
     return [n](Index, Index, Index) { return Inner{0, n}; };
 }
-// The k up to the last row of the tile, for A_ki = 0 at k > i.
+// Each tile is summed over the k up to its last row, for A_ki = 0 at k > i.
 inline auto up_to_row() {
     return [](Index i, Index, Index) { return Inner{0, i + TILE_ROWS}; };
 }
-// The k < n from the first column of the tile on, for B_kj = 0 at k < j.
+// Each tile is summed over the k < n from its first column on, for B_kj = 0 at k < j.
 inline auto from_column(Index n) {
     return [n](Index, Index j, Index) { return Inner{j, n}; };
 }
-// All k < n in tiles that reach the upper triangle of C; the others are left out.
+// Tiles that reach the upper triangle of C are summed over all k < n; others are left
+// out.
 inline auto upper(Index n) {
     return
         [n](Index i, Index j, Index width) { return Inner{0, i < j + width ? n : 0}; };
 }
-// The k of `from_column` in the tiles of `upper`.
+// Tiles that reach the upper triangle of C are summed as by `from_column`; others are
+// left out.
 inline auto upper_from_column(Index n) {
     return
         [n](Index i, Index j, Index width) { return Inner{j, i < j + width ? n : 0}; };

@@ -34,8 +34,9 @@ class RowSystem {
                ReducedAtoms& atoms, ShiftedGram& gram);
 
   private:
-    // The number of rows of F, and of blocks that have a direction (0 .. 5).
+    // The number of rows of F.
     Index rows() const { return 4 * blocks_ + 2 * wide_; }
+    // The number of blocks that have a direction, 0 .. 5.
     Index blocks_with(int direction) const { return direction < 4 ? blocks_ : wide_; }
     // Entry e of a direction (2, 3) for all blocks; e = 6: its right-hand side.
     double* entry(int direction, int e) const {

@@ -425,7 +425,7 @@ class BlockSolver {
     }
 
     // Write the dual point Y and the errors E of the last solution, for all landmarks
-    // of the image, and list its transforms.
+    // of the image, and set `active_` to its transforms.
     void write_point(Index image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {

@@ -105,8 +105,8 @@ Step find_step(const Model& model, double radius) {
 
 }  // namespace
 
-// As one function: its parts are short, and hand each other a few numbers through
-// memory else.
+// Compiled as one function: its parts are short, and would pass a few numbers to each
+// other through memory.
 [[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments,
                                                Rotation& R) {
     const double *P = moments.P, *D = moments.D;

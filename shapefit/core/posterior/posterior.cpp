@@ -343,7 +343,9 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
     }
 }
 
-// Write the posteriors of a group of images, all in double precision where `precise`.
+// Write the posteriors of the images of the group of `search`, all in double precision
+// where `precise`. covariance (3 p, 3 p) is scratch memory, and so are modes and
+// description.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
                 Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;

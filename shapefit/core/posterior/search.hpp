@@ -100,7 +100,7 @@ struct Ascents {
         }
     }
 
-    // Block b.
+    // The lanes of block b.
     Ascent<Lanes>& block(Index b) const { return lanes[b]; }
     // The block that holds ascent i, in lane i % width.
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }

@@ -130,11 +130,11 @@ void Banded::solve(const SequenceData& data, const double* x,
     }
 }
 
-Banded::Covariances::Covariances(double* room, Index D) {
+Banded::Covariances::Covariances(double* memory, Index D) {
     double** const blocks[] = {&here, &next, &last, &between, &GN, &GW, &one, &two};
     for (double** block : blocks) {
-        *block = room;
-        room += D * D;
+        *block = memory;
+        memory += D * D;
     }
     clear(next, D * D);
     clear(last, D * D);

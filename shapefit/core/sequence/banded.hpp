@@ -54,9 +54,9 @@ class Banded {
                            Marginal& marginal) const;
 
   private:
-    // The covariances of three frames, and G_N, G_W, (D, D) each, in memory `room`.
+    // The covariances of three frames, and G_N, G_W, (D, D) each, in `memory`.
     struct Covariances {
-        Covariances(double* room, Index D);
+        Covariances(double* memory, Index D);
 
         double *here, *next, *last;  // Sigma of f with itself, of f + 1, of f + 2
         double *one, *two;           // of f with f + 1, with f + 2
