@@ -440,7 +440,7 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
     def project_images(
         one: Environment, count: int, shuffled: bool = False, source: Path = tested
     ) -> Path:
-        """Return a file of the first images of a source, or of so many at random."""
+        """Return a file of `count` images of the source, its first or random ones."""
         whole = make_once(
             one,
             f"{source.stem}.h5",

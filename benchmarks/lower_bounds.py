@@ -95,8 +95,8 @@ MAX_ROUNDS = 200
 
 
 def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
-    """Return the similarity error (n,) of the nearest atom to each shape: min over i of
-    similarity(B_i, S), for shapes (n, 3, p) and atoms (k, 3, p).
+    """Return the similarity error (n,) of the nearest atom to each shape, for shapes
+    (n, 3, p) and atoms (k, 3, p).
     """
     errors = [similarity(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms]
     nearest: Floats = np.min(errors, axis=0)

@@ -60,7 +60,8 @@ def draw_shares(panels: Mapping[str, Shares]) -> Figure:
 
 
 def draw_cars(cases: Sequence[Case], edges: Integers) -> Figure:
-    """Draw a car a row: its landmarks, by each method the fitted model, and its side.
+    """Draw a row for each car: its landmarks, and for each method the fitted model in
+    the image and the shape from its side.
 
     edges (e, 2) are the lines of the model; the true shape is grey.
     """

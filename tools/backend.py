@@ -22,8 +22,8 @@ HOW = {
 
 
 def __getattr__(name: str) -> Any:
-    """Return the build hook of this name of scikit-build-core; hooks that compile, or
-    say what a build requires, first check that there is a C++ compiler.
+    """Return the build hook of this name of scikit-build-core; all but those of a
+    source distribution first check that there is a C++ compiler.
     """
     if name in ("get_requires_for_build_sdist", "build_sdist") or name.startswith("_"):
         return getattr(build, name)
