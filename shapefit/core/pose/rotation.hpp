@@ -40,7 +40,7 @@ inline void find_factors(double square, double& first, double& second) {
     const double sine = a > 1e-6 ? sin(half) / half : 1.0;
     second = 0.5 * sine * sine;
 }
-    // The factors of Rodrigues' formula, lane by lane.
+// The factors of Rodrigues' formula, lane by lane.
 template <class Lanes>
 inline void find_factors(Lanes square, Lanes& first, Lanes& second) {
     for (int lane = 0; lane < width<Lanes>; ++lane) {
