@@ -13,7 +13,7 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
+from shapefit.io.checks import PlaceNamer, check_finite, check_mesh, place_in_memory
 from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
 from shapefit.io.layout import DICTIONARY, UNKNOWN_UNIT
 from shapefit.records.shapes import Shapes
@@ -83,7 +83,7 @@ def atoms_of(dictionary: Dictionary) -> Shapes:
     )
 
 
-def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
+def check_dictionary(fields: Mapping[str, Any], place: PlaceNamer) -> None:
     """Raise InputError for the fields of a dictionary with which no fit is possible."""
     atoms, mean, names = fields["atoms"], fields["mean_shape"], fields["landmark_names"]
     if atoms.size == 0:
@@ -116,7 +116,7 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
         raise input_error(place("edge_covariance", None), "is no covariance", AGAIN)
 
 
-def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
+def _take_prior(fields: dict[str, Any], place: PlaceNamer) -> Mixture | None:
     """Remove the parts of the prior from the fields, and return it; None without one.
 
     Raises InputError where they are no mixture.

@@ -171,7 +171,7 @@ class FileFormat(NamedTuple):
 
 
 def _open_output(
-    name: str, target: Path, form: Layout, options: OutputOptions
+    name: str, target: Path, layout: Layout, options: OutputOptions
 ) -> Output:
     """Return a context manager that gives a writer of the format of this name.
 
@@ -180,7 +180,7 @@ def _open_output(
     if name == "hdf5":
         from shapefit.io.hdf5_output import hdf5_output
 
-        return hdf5_output(target, form)
+        return hdf5_output(target, layout)
     if name == "csv":
         from shapefit.io.csv_file import csv_output
 
@@ -325,7 +325,7 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
 
 
 def record_writer(
-    target: Path, form: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
+    target: Path, layout: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
 ) -> Output:
     """Give a writer of records of one layout for use in a `with`.
 
@@ -334,7 +334,7 @@ def record_writer(
     Raises InputError where that format cannot hold the records, or has no use for the
     options.
     """
-    file_format = check_target_format(target, form.kind, to)
+    file_format = check_target_format(target, layout.kind, to)
     if is_stream(target) and file_format is not CSV:
         fault = "files of this format cannot go to standard output"
         raise input_error("output", fault, "name a file")
@@ -342,15 +342,15 @@ def record_writer(
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
-        if file_format is CSV and form is RESULTS and options.height is not None:
+        if file_format is CSV and layout is RESULTS and options.height is not None:
             fix += ", or in .h5, which states it"
         raise input_error(min(given)[0], fault, fix)
     assert file_format.write is not None
-    return file_format.write(target, form, options)
+    return file_format.write(target, layout, options)
 
 
-landmark_writer = partial(record_writer, form=LANDMARKS)
-result_writer = partial(record_writer, form=RESULTS)
+landmark_writer = partial(record_writer, layout=LANDMARKS)
+result_writer = partial(record_writer, layout=RESULTS)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:

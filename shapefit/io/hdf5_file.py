@@ -17,7 +17,7 @@ import numpy as np
 from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.checks import input_problems
-from shapefit.io.chunks import Chunks
+from shapefit.io.chunks import SuspectChunks
 from shapefit.io.contents import digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
@@ -124,7 +124,7 @@ class Hdf5File:
         self.path = path
         # h5py takes long to look up their types and shapes
         self._datasets: dict[str, h5py.Dataset] = {}
-        self._chunks: dict[str, Chunks] = {}
+        self._chunks: dict[str, SuspectChunks] = {}
         with self.damage_as_input_error():
             self.root = open_hdf5(path)
 
@@ -227,7 +227,7 @@ class Hdf5File:
         if dataset.chunks is None:
             return
         if name not in self._chunks:
-            self._chunks[name] = Chunks(dataset)
+            self._chunks[name] = SuspectChunks(dataset)
         chunks = self._chunks[name]
         fix = "write it again with gzip or without compression"
         if chunks.fault:
@@ -333,10 +333,10 @@ class Hdf5Reader(Hdf5File):
     is wrong.
     """
 
-    def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
+    def __init__(self, path: Path, layout: Layout, *, old: bool = False) -> None:
         super().__init__(path)
-        self.form = form
-        self.columns = dict(form.columns)
+        self.layout = layout
+        self.columns = dict(layout.columns)
         self._sizes: dict[str, int] = {}
         try:
             self._attributes = self._read_attributes(old)
@@ -408,7 +408,7 @@ class Hdf5Reader(Hdf5File):
 
     def records(self, rows: slice, without: Collection[str] = ()) -> Items:
         """Return the items in these rows as a record, but for datasets `without`."""
-        assert self.form.record is not None, "a dictionary has no items"
+        assert self.layout.record is not None, "a dictionary has no items"
         fields: dict[str, Any] = {}
         extras: dict[str, Array] = {}
         file_extras: dict[str, Array] = {}
@@ -420,11 +420,11 @@ class Hdf5Reader(Hdf5File):
                 extras[self._free_name(name)] = values
             else:
                 file_extras[self._free_name(name)] = values
-        if self.form is RESULTS:
+        if self.layout is RESULTS:
             fields["attributes"] = self.attributes
-        if self.form is not SHAPES:
+        if self.layout is not SHAPES:
             fields["y_axis"] = self.y_axis or "down"
-        return self.form.record(
+        return self.layout.record(
             **fields,
             unit=self.unit,
             frame_rate=self.frame_rate,
@@ -437,7 +437,7 @@ class Hdf5Reader(Hdf5File):
 
         Those that the layout lists are taken.
         """
-        return f"input_{name}" if name in self.form.columns else name
+        return f"input_{name}" if name in self.layout.columns else name
 
     def dictionary_fields(self) -> dict[str, Any]:
         """Return the datasets of a dictionary by their fields; None for absent ones.
@@ -492,12 +492,12 @@ class Hdf5Reader(Hdf5File):
 
     def _read_attributes(self, old: bool) -> dict[str, Any]:
         """Return the attributes of the root, format and version checked."""
-        _check_format(self, self.form.name)
+        _check_format(self, self.layout.name)
         with self.damage_as_input_error():
             names = list(self.root.attrs)
         root = {name: as_text(self.attribute(name)) for name in names}
         version = root.get("version")
-        if version == 1 and not old and self.form in (RESULTS, DICTIONARY):
+        if version == 1 and not old and self.layout in (RESULTS, DICTIONARY):
             fix = f"write it anew: shapefit convert {self.path.name} -o NEW.h5"
             raise input_error(self.path, "is of version 1, an earlier format", fix)
         if version not in (1, VERSION):
@@ -529,7 +529,7 @@ class Hdf5Reader(Hdf5File):
 
         Landmarks and results of other tools may carry something else under this name.
         """
-        if self.form in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
+        if self.layout in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
             return True
         edges = self._datasets[EDGES]
         return (edges.shape or ())[1:] == (2,) and edges.dtype.kind in "iu"
@@ -563,7 +563,7 @@ class Hdf5Reader(Hdf5File):
             return self.columns[name].per_item
         dataset = self._datasets[name]
         if self._attributes["version"] == 1:
-            per_item = self.form.is_per_item(name, dataset.ndim)
+            per_item = self.layout.is_per_item(name, dataset.ndim)
         else:
             with self.damage_as_input_error(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))

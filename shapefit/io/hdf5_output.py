@@ -59,7 +59,7 @@ NAMES = ("item", "sequence", "landmark_names")
 
 
 @contextmanager
-def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
+def hdf5_output(target: Path, layout: Layout) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
     options = {
         "libver": ("v110", "v110"),
@@ -74,7 +74,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
         _reserve(space, SPARE)  # before HDF5 has anything to write
         try:
             with h5py.File(path, "w", **options) as file:
-                writer = Hdf5Writer(file, form, space)
+                writer = Hdf5Writer(file, layout, space)
                 yield writer
                 writer.finish()
                 size = file.id.get_filesize()
@@ -104,9 +104,9 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     their length is known.
     """
 
-    def __init__(self, file: h5py.File, form: Layout, space: IO[bytes]) -> None:
+    def __init__(self, file: h5py.File, layout: Layout, space: IO[bytes]) -> None:
         super().__init__()
-        self._file, self._form, self._space = file, form, space
+        self._file, self._layout, self._space = file, layout, space
         self._needed = self._reserved = 0
         self._first: Items | Dictionary | None = None
         self._whole: dict[str, Array] = {}
@@ -166,7 +166,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     @property
     def _per_item_datasets(self) -> Collection[str]:
         """Datasets that say by an attribute that they are per item."""
-        return self._shapes.keys() - self._form.unmarked
+        return self._shapes.keys() - self._layout.unmarked
 
     def _hold_rows(self, name: str, values: Array) -> None:
         """Hold rows of a dataset until they fill a chunk."""
@@ -229,7 +229,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
 
         A given one has a prefix where the layout has one of its name.
         """
-        stated: dict[str, object] = {"format": self._form.name, "version": VERSION}
+        stated: dict[str, object] = {"format": self._layout.name, "version": VERSION}
         for name in ("unit", "y_axis", "frame_rate"):
             stated[name] = getattr(self._first, name, None)
         for name, given in self.attributes.items():

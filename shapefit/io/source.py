@@ -19,7 +19,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
     CENTRED,
-    Place,
+    PlaceNamer,
     check_values,
     place_in_memory,
     warn_of_codes,
@@ -217,7 +217,7 @@ class SourceFile(Generic[Record]):
     count: int
     read: Callable[[slice], Record]
     texts: Callable[[str, slice], Sequence[str]]
-    place: Place
+    place: PlaceNamer
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
@@ -229,7 +229,7 @@ class SourceFile(Generic[Record]):
         cls,
         name: str,
         record: Record,
-        place: Place | None = None,
+        place: PlaceNamer | None = None,
         *,
         notes: tuple[str, ...] = (),
         y_axis: Direction | None = None,
@@ -402,8 +402,8 @@ def _open_files(
 
     Other tools' readers are imported if needed.
     """
-    form = LAYOUT_OF[kind]
-    readers = _Readers(form, old)
+    layout = LAYOUT_OF[kind]
+    readers = _Readers(layout, old)
     files: list[SourceFile[Record]] = []
     for file_format, group in _group(list(dict.fromkeys(paths)), options):
         if file_format.read_poses is not None and kind is not Fit:
@@ -413,7 +413,7 @@ def _open_files(
                 )
             )
             continue
-        check_holds(group[0], form.kind, file_format)
+        check_holds(group[0], layout.kind, file_format)
         if options.individual is not None:
             fix = "write that individual to a file by `shapefit convert`, and use this"
             raise input_error(group[0], "`individual` is for files of other tools", fix)
@@ -437,8 +437,8 @@ def _open_files(
 class _Readers:
     """Readers of HDF5 files of one layout, of which a few stay open."""
 
-    def __init__(self, form: Layout, old: bool) -> None:
-        self._form = form
+    def __init__(self, layout: Layout, old: bool) -> None:
+        self._layout = layout
         self._old = old
         self._opened = lru_cache(MAX_OPEN)(self._open)
 
@@ -454,7 +454,7 @@ class _Readers:
         """Return a new reader of a file."""
         from shapefit.io.hdf5_file import Hdf5Reader
 
-        return Hdf5Reader(path, self._form, old=self._old)
+        return Hdf5Reader(path, self._layout, old=self._old)
 
 
 def _group(
@@ -502,12 +502,12 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
     from shapefit.io.csv_file import Spool, read_csv, read_csv_head
 
     name = source_name(path)
-    form = LAYOUT_OF[kind]
+    layout = LAYOUT_OF[kind]
     if head:
-        first, share = read_csv_head(path, form.kind)
+        first, share = read_csv_head(path, layout.kind)
         estimate = round(len(first) / share)
         return SourceFile.of(name, _as_kind(kind, first), estimate=estimate)
-    table = read_csv(path, form.kind)
+    table = read_csv(path, layout.kind)
     if not isinstance(table, Spool):
         return SourceFile.of(name, _as_kind(kind, table))
 

@@ -32,38 +32,38 @@ Notes = tuple[str, ...]
 
 
 def landmarks_of_files(
-    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
+    file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Landmarks, Notes]:
     """Return the images of a file of poses, and warnings; InputError for 3D points."""
-    return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
+    return landmarks_of(_read_kind(file_format, paths, "landmarks", 2), options)
 
 
 def shapes_of_files(
-    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
+    file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Shapes, Notes]:
     """Return the shapes of a file of poses, and warnings; InputError for 2D points.
 
     A shape is NaN where a landmark is unknown.
     """
-    poses = _read_kind(form, paths, "shapes", 3)
+    poses = _read_kind(file_format, paths, "shapes", 3)
     poses, fields, notes = _fields(poses, options)
     extras = {} if poses.confidence is None else {"confidence": poses.confidence}
     return Shapes(poses.points, **fields, extras=extras), notes
 
 
 def _read_kind(
-    form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
+    file_format: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
 ) -> Poses:
     """Return the poses in these files; InputError where they have other dimensions.
 
     kind: what the message asks for.
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
-    poses = read_poses(form, paths, dimensions)
+    poses = read_poses(file_format, paths, dimensions)
     d = poses.points.shape[2]
     if d != dimensions:
         reason = f": {FLAT}" if poses.flat else ""
-        raise input_error(name, f"is {form.title} of {d}D points{reason}", fix)
+        raise input_error(name, f"is {file_format.title} of {d}D points{reason}", fix)
     return poses
 
 
@@ -87,25 +87,25 @@ def _without_depth(poses: Poses) -> Poses:
 
 
 def read_poses(
-    form: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
+    file_format: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
 ) -> Poses:
     """Return the poses in these files of one format; InputError for damaged ones.
 
     They are in the wanted `dimensions` where a file may hold 2D or 3D. Landmarks whose
     z is 0 everywhere are in 2D.
     """
-    assert form.read_poses is not None
-    wanted = (dimensions,) if form.either else ()
+    assert file_format.read_poses is not None
+    wanted = (dimensions,) if file_format.either else ()
     running = gc.isenabled()
     # half the time of a large JSON file is looking for cycles in its lists
     gc.disable()
     try:
-        with parsing(source_name(paths[0]), form.title):
-            poses: Poses = form.read_poses(paths, *wanted)
+        with parsing(source_name(paths[0]), file_format.title):
+            poses: Poses = file_format.read_poses(paths, *wanted)
     finally:
         if running:
             gc.enable()
-    return _without_depth(poses) if "landmarks" in form.records else poses
+    return _without_depth(poses) if "landmarks" in file_format.records else poses
 
 
 FRACTIONS = "x and y are fractions of the width and height of the image"
