@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import h5py
 
-from shapefit.io.inputs import ALWAYS_FITS, MAX_INFLATION, in_words
+from shapefit.io.inputs import ALWAYS_FITS, MAX_INFLATION, format_bytes
 
 DEFLATE = 1
 """Number of the filter of zlib."""
@@ -64,8 +64,8 @@ class SuspectChunks:
         present = dataset.id.get_storage_size()
         self.bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
         if self.bytes > max(ALWAYS_FITS, MAX_INFLATION * present):
-            holds = f"the file holds {in_words(present)} of them"
-            self.fault = f"has chunks of {in_words(self.bytes)}, and {holds}"
+            holds = f"the file holds {format_bytes(present)} of them"
+            self.fault = f"has chunks of {format_bytes(self.bytes)}, and {holds}"
             return
         self.fault = _fault_of_filters(self._filters, math.prod(dataset.chunks))
         if {DEFLATE, LZF, SZIP} & self._filters.keys() and not self.fault:

@@ -9,7 +9,7 @@ from typing import TypeGuard
 import numpy as np
 
 from shapefit.io.formats import FIRST, Head
-from shapefit.io.readers.detections import Detection, as_poses
+from shapefit.io.readers.detections import Detection, poses_from_detections
 from shapefit.io.readers.poses import (
     Images,
     Poses,
@@ -79,7 +79,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
         [number - first for number in numbers],
         [*map(str, numbers)],
     )
-    return as_poses(
+    return poses_from_detections(
         images,
         detections,
         hide_unscored=False,

@@ -19,7 +19,7 @@ from shapefit.io.readers.poses import (
     frames_of_times,
     is_known_rate,
     number_repeats,
-    of_frames,
+    poses_from_frames,
     require,
 )
 from shapefit.io.readers.text import floats, read_table, read_text
@@ -63,7 +63,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     if timed and (numbers is None or _are_in_a_row(numbers)):
         # Frames that were dropped can leave a gap in the times alone.
         numbers = frames_of_times(times, rate) or numbers
-    return of_markers(
+    return poses_from_markers(
         path,
         points[:, named],
         [labels[number] for number in named],
@@ -175,7 +175,7 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
     labels = _labels_above(names, count)
     text = "\n".join(lines[:end])
     points, frames, _ = _read_points(path, text, labels, start + 4)
-    return of_markers(
+    return poses_from_markers(
         path,
         points,
         labels,
@@ -215,7 +215,7 @@ def _read_points(
     return points, frames, beside
 
 
-def of_markers(
+def poses_from_markers(
     path: Path,
     points: Floats,
     markers: Sequence[str],
@@ -232,7 +232,7 @@ def of_markers(
     y points up where they are landmarks in a plane.
 
     `subject:` before all their names is the individual; labels, frames and times (n)
-    as `of_frames` takes them.
+    as `poses_from_frames` takes them.
     """
     names = number_repeats(markers)
     factor, unit = as_metres(unit)
@@ -241,7 +241,7 @@ def of_markers(
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:
         names = tuple(name.rpartition(":")[2] for name in names)
-    return of_frames(
+    return poses_from_frames(
         path,
         factor * points,
         video=path.stem,

@@ -14,7 +14,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.formats import Head
-from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.arrays import poses_from_bodies
 from shapefit.io.readers.poses import (
     FormatError,
     Poses,
@@ -123,7 +123,7 @@ def _specimen_images(
     notes: tuple[str, ...] = (),
 ) -> Poses:
     """Return specimens as poses, whose landmarks are numbered from 1."""
-    return of_bodies(
+    return poses_from_bodies(
         path,
         points,
         None,

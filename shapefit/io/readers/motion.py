@@ -19,8 +19,8 @@ from shapefit.io.readers.poses import (
     frames_of_labels,
     is_known_rate,
     number_repeats,
-    of_frames,
     parsing,
+    poses_from_frames,
     require,
 )
 from shapefit.io.readers.text import floats, read_table, read_text
@@ -128,7 +128,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         notes = (missing, *notes)
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
-    return of_frames(
+    return poses_from_frames(
         path,
         place_bones(joints, motion)[:, order],
         video=path.stem,
@@ -215,7 +215,7 @@ def _rate_of(seconds: float) -> float | None:
 
 def is_acclaim(head: Head) -> bool:
     """Whether a file .asf or .amc begins with a section or a comment."""
-    return head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
+    return head.has_suffix(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
 
 
 INCH = 0.0254
@@ -247,7 +247,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         max(named or skeletons, key=lambda file: len(file.stem))
     )
     labels, values = _read_motion(path, bones)
-    return of_frames(
+    return poses_from_frames(
         path,
         scale * place_bones(bones, values),
         labels=labels,

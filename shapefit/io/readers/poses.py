@@ -169,7 +169,7 @@ class UnitFields(TypedDict):
 
 
 class FrameFields(PoseFields, total=False):
-    """What `of_frames` takes beside points and confidences."""
+    """What `poses_from_frames` takes beside points and confidences."""
 
     labels: Sequence[str]
     frames: Sequence[int] | Integers | None
@@ -178,7 +178,7 @@ class FrameFields(PoseFields, total=False):
     present: NDArray[np.bool_] | None
 
 
-def of_frames(
+def poses_from_frames(
     path: Path,
     points: Floats,
     confidence: Floats | None = None,

@@ -17,7 +17,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.csv_cells import read_numbers
 from shapefit.io.formats import Head
-from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.arrays import poses_from_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
     RATES,
@@ -86,7 +86,7 @@ def is_table(head: Head) -> bool:
     """Whether the first line names columns of landmarks."""
     text = decode(head.text).replace("\r\n", "\n").replace("\r", "\n")
     first = "\n".join(text.split("\n", 2)[:2])
-    table = head.named(".csv", ".tsv", ".txt") and "\0" not in first
+    table = head.has_suffix(".csv", ".tsv", ".txt") and "\0" not in first
     return table and parse_header(text) is not None
 
 
@@ -119,11 +119,11 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
         grid = _read_wide(table, header, body)
     confidence = _weights(grid, header)
     with_depth = "z" in grid.axes
-    if with_depth and "confidence" in grid.axes and not header.triangulated:
+    if with_depth and "confidence" in grid.axes and not header.is_triangulated:
         with_depth = False
     axes = "xyz" if with_depth else "xy"
     points = np.stack([grid.axes[axis] for axis in axes], axis=-1)
-    if with_depth and confidence is not None and not header.triangulated:
+    if with_depth and confidence is not None and not header.is_triangulated:
         points[confidence == 0] = np.nan
         confidence = None
     fields, rows, of_images = _table_images(path, grid, header)
@@ -132,12 +132,12 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
         notes.append(_note_on_bodies(header, body))
     if header.is_long and {*header.names} >= METRES_PER_NAMED_UNIT:
         fields |= {"unit": "m"}
-    elif unused := header.unused(grid.used):
+    elif unused := header.list_unused(grid.used):
         listed = abbreviate([*map(printable, unused)])
-        notes += [] if header.triangulated else [f"columns left out: {listed}"]
+        notes += [] if header.is_triangulated else [f"columns left out: {listed}"]
     fields["landmark_names"] = tuple(map(printable, grid.landmarks))
     fields["notes"] = tuple(notes)
-    poses = of_bodies(path, points, confidence, **fields)
+    poses = poses_from_bodies(path, points, confidence, **fields)
     lines = (
         ("table", _layout(header)),
         *of_images,
@@ -366,7 +366,7 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
         column = _naming_column(table, header, landmarks, columns)
         if column is not None:
             columns = {a: at for a, at in columns.items() if at != column}
-            named = printable(header.called(column))
+            named = printable(header.describe(column))
             text = f"items are named by the column {named}, their rows single images"
             fix = "call it `frame` if these are frames of one video"
             return Keys({**columns, "item": column}, (f"{text}; {fix}",))
@@ -445,7 +445,7 @@ def _table_images(
 
     def called(role: str) -> str:
         """Return the column of a role as messages name it."""
-        return f"column {printable(header.called(grid.keys.columns[role]))}"
+        return f"column {printable(header.describe(grid.keys.columns[role]))}"
 
     fields: FrameFields = {}
     if "individual" in cells:

@@ -28,7 +28,7 @@ from shapefit.io.readers.poses import (
     frames_of_times,
     number_labels,
     number_repeats,
-    of_frames,
+    poses_from_frames,
     require,
     video_name,
 )
@@ -49,13 +49,13 @@ class TrackerFile(Hdf5File):
 
     def numbers(self, name: str) -> Floats:
         """Return a dataset as numbers; FormatError where it holds none."""
-        values = np.asarray(self.rows(name))
+        values = np.asarray(self.read_rows(name))
         require(values.dtype.kind in "biuf", f"{name} holds no numbers")
         return values.astype(np.float64)
 
     def numbers_if_any(self, name: str) -> Floats | None:
         """Return a dataset as numbers; None where it is absent."""
-        return self.numbers(name) if self.is_dataset(name) else None
+        return self.numbers(name) if self.has_dataset(name) else None
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of texts; () where it is absent or empty.
@@ -63,7 +63,7 @@ class TrackerFile(Hdf5File):
         SLEAP writes an empty one as numbers. Raises FormatError for others.
         """
         values = np.ravel(
-            np.asarray(self.rows(name), object) if self.is_dataset(name) else ()
+            np.asarray(self.read_rows(name), object) if self.has_dataset(name) else ()
         )
         require(
             all(isinstance(value, str) for value in values), f"{name} holds no text"
@@ -72,7 +72,7 @@ class TrackerFile(Hdf5File):
 
     def table(self, name: str, columns: Sequence[str]) -> NDArray[np.void]:
         """Return a dataset of rows with these columns of numbers; else FormatError."""
-        rows = np.asarray(self.rows(name))
+        rows = np.asarray(self.read_rows(name))
         lacking = [one for one in columns if one not in (rows.dtype.names or ())]
         require(not lacking, f"{name} has no column {abbreviate(lacking)}")
         kinds = {rows.dtype[one].kind for one in columns}
@@ -174,7 +174,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     names = tuple(
         name or f"track_{number}" for number, name in enumerate(names or ("",) * many)
     )
-    return of_frames(
+    return poses_from_frames(
         paths[0],
         points,
         scores,
@@ -539,7 +539,7 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
     require(same, "other confidences than landmarks")
     points = np.where(confidence[..., None] > 0, points, np.nan)
     if not several:
-        return of_frames(
+        return poses_from_frames(
             paths[0], points, confidence, landmark_names=MOUSE, edges=LINES
         )
     frames, mice = points.shape[:2]
@@ -588,12 +588,12 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
         points = _read_in_axis_order(file, "position", AXES)
         times = file.numbers_if_any("time")
-        scored = file.is_dataset("confidence")
+        scored = file.has_dataset("confidence")
         confidence = (
             _read_in_axis_order(file, "confidence", AXES[:3]) if scored else None
         )
         individuals, landmarks, space = (
-            file.texts(axis if file.is_dataset(axis) else f"{axis}s")
+            file.texts(axis if file.has_dataset(axis) else f"{axis}s")
             for axis in AXES[1:]
         )
         rate = file.number("fps")
@@ -604,7 +604,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     )
     same = times is None or times.shape == points.shape[:1]
     require(same, "another number of times than of frames")
-    poses = of_frames(
+    poses = poses_from_frames(
         paths[0],
         points,
         confidence,
@@ -685,7 +685,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     frames = frames_of_times(times, rate)
     if rate is None and frames is not None:
         rate = find_rate(np.array(frames), times)
-    return of_frames(
+    return poses_from_frames(
         paths[0],
         points,
         None if np.isnan(confidence).all() else confidence,
@@ -749,7 +749,7 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     points += offset
     confidence = file.numbers_if_any(f"{group}/confidence")
     confidence = np.full(len(points), np.nan) if confidence is None else confidence
-    if file.is_dataset(start):
+    if file.has_dataset(start):
         rate = file.number("rate", start)
         first = file.numbers(start)
         require(first.size == 1, f"{start} is not one number")
