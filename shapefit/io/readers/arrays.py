@@ -18,11 +18,11 @@ from shapefit.io.readers.poses import (
     FrameFields,
     Poses,
     as_numbers,
+    guess_unit,
     library_reads,
     parsing,
     poses_from_frames,
     require,
-    unit_of,
 )
 from shapefit.io.readers.text import read_json
 
@@ -153,7 +153,7 @@ def poses_from_bodies(
     points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
     if points.shape[2] == 2 and confidence is None:
         fields["notes"] = (*fields.get("notes", ()), *warn_of_zeros(points))
-    unit = unit_of(points)
+    unit = guess_unit(points)
     fields.setdefault("unit", unit["unit"])
     fields.setdefault("size_needed", unit["size_needed"])
     return poses_from_frames(path, points, confidence, **fields)

@@ -27,13 +27,13 @@ from shapefit.io.readers.poses import (
     Poses,
     UnitFields,
     as_numbers,
+    guess_unit,
     library_reads,
     name_individual,
     parsing,
     require,
     series_numbers,
     skeleton_edges,
-    unit_of,
     video_name,
 )
 from shapefit.io.readers.text import floats, read_json, read_text
@@ -493,7 +493,7 @@ def poses_from_detections(
     individuals, doubled = _name_people(detections)
     image_of = [image for _, image, _ in detections]
     in_unit: UnitFields = {"unit": unit or "", "size_needed": False}
-    stated = unit_of(points) if unit is None else in_unit
+    stated = guess_unit(points) if unit is None else in_unit
     return Poses(
         name=images.name,
         video=[images.videos[image] for image in image_of],
