@@ -29,7 +29,7 @@ def arrange(
     *,
     omit: bool = False,
 ) -> Record:
-    """Return a record whose landmarks are `names`, in that order: select, reorder, add.
+    """Select and reorder a record's landmarks by name; add those that images lack.
 
     Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges
     move with their landmarks. Landmarks that `names` lacks are left out with `omit`.

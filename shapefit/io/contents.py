@@ -53,7 +53,7 @@ def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object])
 
 
 def digest_of_lines(lines: Iterable[DigestLine]) -> str:
-    """Return the SHA-256, in hexadecimal, of the sorted lines as JSON."""
+    """Return the SHA-256, in hexadecimal, of lists as sorted lines of JSON."""
     text = "\n".join(sorted(map(json.dumps, lines)))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -61,14 +61,14 @@ def digest_of_lines(lines: Iterable[DigestLine]) -> str:
 def _describe_attributes(
     name: str, node: h5py.Group | h5py.Dataset
 ) -> Iterator[DigestLine]:
-    """Yield a digest line for each attribute of a node, except the stored digest."""
+    """Yield a list to be hashed for each attribute of a node, but the stored digest."""
     for key in node.attrs:
         if name != "/" or key != CONTENTS:
             yield describe_attribute(name, key, node.attrs[key])
 
 
 def describe_attribute(name: str, key: str, value: object) -> DigestLine:
-    """Return the digest line of attribute `key` of the node called `name`.
+    """Describe attribute `key` of the node called `name` as a list to be hashed.
 
     `value` is what h5py reads, or what is written by it.
     """
@@ -79,20 +79,20 @@ def describe_attribute(name: str, key: str, value: object) -> DigestLine:
     values = np.asarray(value)
     digest = ValuesDigest()
     digest.add(values)
-    kind = kind_of_values(values.dtype)
+    kind = kind_of_dtype(values.dtype)
     return ["attribute", name, key, kind, list(values.shape), digest.hexdigest()]
 
 
 def _describe_dataset(
     dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
 ) -> DigestLine:
-    """Return the digest line of a dataset, which is read in blocks of rows.
+    """Describe a dataset as a list to be hashed; read its values in blocks of rows.
 
     Of one that is empty, or neither numbers nor texts, it says the kind and the type.
     """
     if dataset.shape is None:
         return ["dataset", name, "empty"]
-    kind = kind_of_values(dataset.dtype)
+    kind = kind_of_dtype(dataset.dtype)
     if kind == OTHER:  # which no result holds
         return ["dataset", name, kind, str(dataset.dtype)]
     digest = ValuesDigest()
@@ -104,7 +104,7 @@ def _describe_dataset(
 def describe_values(
     name: str, kind: str, shape: Sequence[int], digest: ValuesDigest
 ) -> DigestLine:
-    """Return the digest line of a dataset of numbers or texts."""
+    """Describe a dataset of numbers or texts as a list to be hashed."""
     return ["dataset", name, kind, list(shape), digest.hexdigest()]
 
 
@@ -127,7 +127,7 @@ OTHER = "other"
 """Kind of values that are neither numbers nor texts."""
 
 
-def kind_of_values(dtype: np.dtype[np.generic]) -> str:
+def kind_of_dtype(dtype: np.dtype[np.generic]) -> str:
     """Return a name for the kind of a dtype: `text`, `f8` and so on, or OTHER."""
     if dtype.kind in "OSU":
         return "text"
@@ -142,17 +142,17 @@ class ValuesDigest:
 
     def add(self, block: NDArray[np.generic]) -> None:
         """Add the next rows of the array."""
-        self._hash.update(_digested_bytes(block))
+        self._hash.update(_bytes_to_hash(block))
 
     def hexdigest(self) -> str:
         """Return the SHA-256 of all rows so far, in hexadecimal."""
         return self._hash.hexdigest()
 
 
-def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
+def _bytes_to_hash(values: NDArray[np.generic]) -> bytes | memoryview:
     """Return numbers as little-endian bytes; texts as their length, then UTF-8."""
     if values.dtype.kind == "S" and values.dtype.itemsize:
-        return _digested_texts(values.ravel())
+        return _text_bytes_to_hash(values.ravel())
     if values.dtype.kind in "OSU":
         texts = [
             text if isinstance(text, bytes) else str(text).encode("utf-8", "replace")
@@ -167,7 +167,7 @@ def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
     return plain.data
 
 
-def _digested_texts(texts: NDArray[np.generic]) -> bytes:
+def _text_bytes_to_hash(texts: NDArray[np.generic]) -> bytes:
     """Return fixed-width byte strings (n,) as length and text each, without padding.
 
     Most texts of a result are such, and there are several for each image.

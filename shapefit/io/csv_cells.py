@@ -106,7 +106,7 @@ class Cells:
         return self._texts[column]
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Find what `unique_texts` returns."""
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
         raise NotImplementedError
 
 
@@ -126,7 +126,7 @@ class ListedCells(Cells):
         return read_numbers(self._columns[column])
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Find what `unique_texts` returns."""
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
         cells = self._columns[column]
         number_of = {text: number for number, text in enumerate(dict.fromkeys(cells))}
         numbers = np.fromiter(map(number_of.__getitem__, cells), np.int64, len(cells))
@@ -179,7 +179,7 @@ class SplitCells(Cells):
         return numbers, invalid
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Find what `unique_texts` returns."""
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
         starts, ends = self._offsets[column]
         numbers = np.empty(len(starts), np.int64)
         first = np.empty(len(starts), np.int64)
@@ -192,7 +192,7 @@ class SplitCells(Cells):
 
 
 def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
-    """Read an input; yield the first line's number and text of blocks of whole lines.
+    """Yield blocks of whole lines of an input: number of the first line, and the text.
 
     Raises InputError for a cell without end, and for what is not UTF-8.
     """
@@ -266,7 +266,7 @@ def _split_blocks(
 def split_cells(
     text: str, columns: Sequence[str], first_line: int
 ) -> SplitCells | None:
-    """Split lines at commas, one cell a column; None for quotes, or another width.
+    """Split lines at commas; None if one has quotes, or not a cell for each column.
 
     `parse_rows` takes every text, and finds the same cells.
     """
@@ -312,7 +312,7 @@ def parse_rows(
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
-    """Convert cells to numbers (n,); return them and a mask of cells that are none.
+    """Convert cells to numbers (n,); return them and a mask of cells that are invalid.
 
     They are decimal, inf or nan. Spaces around them do not count; an empty cell, and
     what is no number, is NaN.

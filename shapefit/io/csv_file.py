@@ -247,7 +247,7 @@ class Table:
         cells: Cells,
         faults: _Faults,
     ) -> NDArray[np.int32]:
-        """Return `numbering` of the name in each row (n,); note empty names as faults.
+        """Return the number (n,) of each row's name; note empty names as faults.
 
         New names get the next numbers.
         """

@@ -37,7 +37,7 @@ from shapefit.io.readers import (
     trackers,
 )
 from shapefit.io.readers.text import read_json
-from shapefit.io.unread import describe_json, name_unread
+from shapefit.io.unread import describe_json, unread_error
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -74,7 +74,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     for one in FORMATS.values():
         if one.recognise(head):
             return one
-    unread = name_unread(path, head)
+    unread = unread_error(path, head)
     if unread is not None:
         raise unread
     if head.bytes.startswith(HDF5_SIGNATURE):

@@ -437,7 +437,7 @@ class Hdf5Reader(Hdf5File):
         )
 
     def _name_of_extra(self, name: str) -> str:
-        """Return the name of an extra, after `input_` if a layout's column has it."""
+        """Return the name for an extra, `input_name` if a field's column has `name`."""
         return f"input_{name}" if name in self.layout.columns else name
 
     def dictionary_fields(self) -> dict[str, Any]:
@@ -454,7 +454,7 @@ class Hdf5Reader(Hdf5File):
         return fields
 
     def read(self, name: str, rows: slice = slice(None)) -> Any:
-        """Return a whole dataset, or that of the items in `rows` if it is per item.
+        """Read a dataset; of one that is per item only the items in `rows`.
 
         What the layout lists has the type of its field, all else its stored type.
         Raises InputError for values of another type.

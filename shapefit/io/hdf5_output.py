@@ -29,7 +29,7 @@ from shapefit.io.contents import (
     describe_attribute,
     describe_values,
     digest_of_lines,
-    kind_of_values,
+    kind_of_dtype,
 )
 from shapefit.io.hdf5_file import PLAIN_ATTRIBUTES, PREFIX
 from shapefit.io.layout import (
@@ -226,7 +226,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             _set_attribute(self._file, name, value)
 
     def _root_attributes(self) -> Mapping[str, object]:
-        """Return root attributes: of layout and first record, `attributes` and seal.
+        """Return the root attributes: format, unit and so on, and `attributes`.
 
         One of `attributes` gets a prefix where the layout has one of its name.
         """
@@ -240,12 +240,12 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         return {name: value for name, value in stated.items() if value is not None}
 
     def _update_digest(self, name: str, values: Array) -> None:
-        """Add written values to the digest of their dataset, if the file is sealed."""
+        """Add written values to the digest of their dataset, if the file gets one."""
         if self.seal is not None:
             self._digests.setdefault(name, ValuesDigest()).add(values)
 
     def _digest_lines(self) -> Iterator[DigestLine]:
-        """Yield the digest line of each attribute, dataset and group that was written.
+        """Yield a list to be hashed for each attribute, dataset and group in the file.
 
         `digest_contents` reads the same from the file, which takes longer.
         """
@@ -253,7 +253,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             yield describe_attribute("/", name, value)
         groups: set[str] = set()
         for name, dataset in self._datasets.items():
-            kind = kind_of_values(dataset.dtype)
+            kind = kind_of_dtype(dataset.dtype)
             yield describe_values(name, kind, dataset.shape, self._digests[name])
             groups.update(str(group) for group in PurePosixPath(name).parents)
         for name in self._per_item_datasets:

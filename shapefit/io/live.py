@@ -74,7 +74,7 @@ class LiveLandmarks:
                 item = of_run.cell("item", 0)
                 landmarks = of_run.column_texts("landmark")
                 if item != current and self._table.size:
-                    yield self._complete()
+                    yield self._pop_item()
                 self._check_landmarks(of_run.lines, landmarks)
                 if hash(item) in self._written:
                     if item == current and not self._are_in_first(landmarks):
@@ -87,9 +87,9 @@ class LiveLandmarks:
                 self._table.add(of_run)
                 present.update(landmarks)
                 if present >= (set(self._names) or self._wanted):
-                    yield self._complete()
+                    yield self._pop_item()
         if self._table.size or not self.count:
-            yield self._complete()
+            yield self._pop_item()
 
     def _are_in_first(self, landmarks: Sequence[str]) -> bool:
         """Whether the first item has any of these landmarks."""
@@ -113,8 +113,8 @@ class LiveLandmarks:
             raise input_error(f"{self._table.name}:{lines[others[0]]}", fault, fix)
         self._left_out.update(dict.fromkeys(landmarks[row] for row in others))
 
-    def _complete(self) -> Landmarks:
-        """Remove the complete item from the table; return it as read by the options."""
+    def _pop_item(self) -> Landmarks:
+        """Remove the complete item from the table; return it with options applied."""
         images = self._table.pop_all()
         assert isinstance(images, Landmarks), "as the table was opened"
         name = self._table.name

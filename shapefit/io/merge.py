@@ -172,7 +172,7 @@ def _lacks_confidence(part: Items, head: Items) -> bool:
 
 
 def _repeat_per_item(record: Record, names: Collection[str]) -> Record:
-    """Turn these file extras into extras: each value is repeated for every item."""
+    """Turn file extras `names` into extras, each value repeated for every item."""
     extras = {
         name: np.broadcast_to(value, (len(record), *value.shape))
         for name, value in record.file_extras.items()

@@ -493,9 +493,9 @@ def _file_of_poses(
 
     record: Landmarks | Shapes
     if kind is Landmarks:
-        record, notes = items.read_landmarks(file_format, group, options)
+        record, notes = items.read_as_landmarks(file_format, group, options)
     else:
-        record, notes = items.read_shapes(file_format, group, options)
+        record, notes = items.read_as_shapes(file_format, group, options)
     stated = record.y_axis if file_format.states_y_axis else None
     name = source_name(group[0])
     return SourceFile.of(name, _as_kind(kind, record), notes=notes, y_axis=stated)
@@ -516,6 +516,7 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
         return SourceFile.of(name, _as_kind(kind, table))
 
     def place(_: str, row: int) -> str:
+        """Return how messages name a row: by its item."""
         item = table.take(slice(row, row + 1)).items[0]
         return f"{name}: item '{item}'"
 
@@ -580,9 +581,9 @@ def _select_frames(
 
 
 def _numbers_of_frames(file: SourceFile[Record]) -> tuple[NDArray[np.int64], bool]:
-    """Return each item's frame number (n,), and whether it is its place in a sequence.
+    """Return each item's frame number (n,), and whether it is counted, not stated.
 
-    It is where the file has no frames.
+    Where the file has no frames it is the item's place in its sequence.
     """
     numbers = []
     places: Counter[str] = Counter()
@@ -639,6 +640,7 @@ def _file_of_hdf5(
         )
 
     def within(part: slice) -> slice:
+        """Return the rows of the file for a part of `rows`."""
         return slice(start + part.start, start + part.stop)
 
     return SourceFile(

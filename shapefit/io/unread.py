@@ -22,7 +22,7 @@ class Unread(NamedTuple):
     recognise: Callable[[Head], bool]
 
 
-def name_unread(path: Path, head: Head) -> InputError | None:
+def unread_error(path: Path, head: Head) -> InputError | None:
     """Return the InputError for a file of a known format that is not read, or None."""
     kind = next((one for one in UNREAD if one.recognise(head)), None)
     if kind is None:

@@ -162,8 +162,8 @@ def _read_c3d_header(path: Path) -> C3d:
     intel = "save it in the order of bytes of Intel processors"
     require(processor != MIPS, "its numbers are those of a MIPS processor", intel)
     points, analog, first, last = struct.unpack_from("<HHHH", block, 2)
-    scale = _floats(block[12:16], processor == DEC)[0]
-    rate = _floats(block[20:24], processor == DEC)[0]
+    scale = _decode_floats(block[12:16], processor == DEC)[0]
+    rate = _decode_floats(block[20:24], processor == DEC)[0]
     return C3d(
         header=DataLayout(max(last - first + 1, 0), points, analog, _width(scale)),
         first=first,
@@ -181,7 +181,7 @@ def _width(scale: float) -> int:
     return 4 if scale < 0 else 2
 
 
-def _floats(data: bytes, is_dec: bool) -> Floats:
+def _decode_floats(data: bytes, is_dec: bool) -> Floats:
     """Decode 4-byte floats (n,), as processors of Intel or of DEC write them.
 
     Those of a DEC have their halves exchanged, and are four times as large.
@@ -264,7 +264,7 @@ def _decode_values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Valu
         rows = [data[start : start + size] for start in range(0, len(data), size or 1)]
         return [decode(row).strip(" \0") for row in rows]
     if kind == FLOAT:
-        return [*map(float, _floats(data, is_dec))]
+        return [*map(float, _decode_floats(data, is_dec))]
     return [*map(float, np.frombuffer(data, "<u2" if kind == WHOLE_TYPE else "u1"))]
 
 
@@ -349,7 +349,7 @@ def _read_points(path: Path, file: C3d, layout: DataLayout) -> Floats:
         data = opened.read(layout.bytes)
     unit = 1.0
     if layout.width == 4:
-        values = _floats(data, file.is_dec)
+        values = _decode_floats(data, file.is_dec)
     else:
         values = np.frombuffer(data, "<i2").astype(np.float64)
         unit = abs(file.number("POINT", "SCALE") or file.scale)

@@ -16,7 +16,7 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats
 from shapefit.errors import counted, printable
 from shapefit.io.formats import Head
-from shapefit.io.readers.declared import Identity, checked
+from shapefit.io.readers.declared import Identity, check_json
 from shapefit.io.readers.detections import (
     Detection,
     person_identity,
@@ -105,8 +105,8 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     after those of the body; what else has points is left out and named.
     """
     given = read_json(paths[0])
-    content = checked(_Annotations, given)
-    assert isinstance(given, dict), "`checked` refuses others"
+    content = check_json(_Annotations, given)
+    assert isinstance(given, dict), "`check_json` refuses others"
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
@@ -158,7 +158,7 @@ def _place_annotations(
     order: dict[Identity, int],
     left_out: Counter[str],
 ) -> list[Detection]:
-    """Turn annotations into detections, their points placed by `names`.
+    """Turn annotations into detections, with the landmarks of all categories.
 
     `order` numbers the images; those that annotations alone name are added. Lists of
     COCO-WholeBody that are read are subtracted from `left_out`.
@@ -325,7 +325,7 @@ class _CategoryLandmarks:
         return placed
 
     def _columns_of(self, entry: _Annotation) -> Sequence[int] | None:
-        """Return the columns of an annotation's landmarks among all; None to leave it.
+        """Return the columns of an annotation's landmarks; None if it must be left out.
 
         Those of its category, or of an unknown one those that all share, which is
         counted for `notes`. Raises FormatError where they do not share them.
@@ -414,8 +414,8 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     frames are in their order.
     """
     content = read_json(paths[0])
-    checked(list[_Result], content)
-    assert isinstance(content, list), "`checked` refuses others"
+    check_json(list[_Result], content)
+    assert isinstance(content, list), "`check_json` refuses others"
     number_of: dict[Identity, int] = {}
     detections: list[Detection] = []
     for entry in content:

@@ -31,7 +31,7 @@ NAMES_OF_KINDS = {
 """What a value should be, by how the types of pydantic's errors begin."""
 
 
-def checked(kind: type[Kind], content: object) -> Kind:
+def check_json(kind: type[Kind], content: object) -> Kind:
     """Check parsed JSON against a declared type; return it without undeclared keys.
 
     Raises FormatError that names the place of the first value of another type.
@@ -56,8 +56,8 @@ def checked(kind: type[Kind], content: object) -> Kind:
     return values
 
 
-def parsed(kind: type[Kind], text: str, what: str) -> Kind:
-    """Parse a text of JSON, and check it against a declared type, see `checked`.
+def parse_json(kind: type[Kind], text: str, what: str) -> Kind:
+    """Parse a text of JSON, and check it against a declared type, see `check_json`.
 
     `what` names the text in messages. Raises FormatError for what is not JSON, too.
     """
@@ -65,7 +65,7 @@ def parsed(kind: type[Kind], text: str, what: str) -> Kind:
         content = orjson.loads(text)
     except ValueError as error:
         raise FormatError(f"{what} is not whole JSON") from error
-    return checked(kind, content)
+    return check_json(kind, content)
 
 
 @cache

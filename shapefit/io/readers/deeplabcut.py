@@ -162,7 +162,7 @@ def _has_row_numbers(text: str, delimiter: str) -> bool:
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
-    """Read a table that pandas wrote, in one of its two layouts, without pandas.
+    """Read DeepLabCut's HDF5, a table that pandas wrote, without pandas.
 
     *table* (predictions): KEY/table has an index and blocks of numbers, whose column
     names are pickled in an attribute.

@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FIRST, Head
-from shapefit.io.readers.declared import Identity, checked
+from shapefit.io.readers.declared import Identity, check_json
 from shapefit.io.readers.poses import (
     FRACTION,
     Edges,
@@ -36,7 +36,7 @@ from shapefit.io.readers.poses import (
     skeleton_edges,
     video_name,
 )
-from shapefit.io.readers.text import floats, read_json, read_text
+from shapefit.io.readers.text import parse_floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
 Detection = tuple[Floats, int, object]
@@ -122,7 +122,7 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
                 others = content.keys() - {"version"}
                 require("people" in content or not others, "there is no list of people")
                 content = content.get("people", [])
-            people = _people_of(content)
+            people = _check_people(content)
             detections += _detections_of(people, number)
             for person in people:
                 left_out.update(one for one in LEFT_OUT if any(person.get(one) or ()))
@@ -131,10 +131,10 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     return poses_from_detections(images, detections, notes=(note,) if left_out else ())
 
 
-def _people_of(content: object) -> list[dict[str, Any]]:
+def _check_people(content: object) -> list[dict[str, Any]]:
     """Check that parsed JSON is a list of people (objects), and return it."""
     require(isinstance(content, list), "no list of people")
-    return checked(list[dict[str, Any]], content)
+    return check_json(list[dict[str, Any]], content)
 
 
 def _detections_of(
@@ -280,7 +280,7 @@ def _read_data_yaml(folder: Path) -> _DataYaml:
     with parsing(path, "YAML", "correct it"):
         with library_reads("it is no YAML"):
             content = YAML(typ="safe", pure=True).load(path)
-        return checked(_DataYaml, content if isinstance(content, dict) else {})
+        return check_json(_DataYaml, content if isinstance(content, dict) else {})
 
 
 Label = tuple[int, list[float]]
@@ -298,7 +298,7 @@ def _read_labels(files: Sequence[Path]) -> list[Label]:
             with parsing(f"{file}:{line}", "a label of YOLO"):
                 cells = text.partition("#")[0].split()
                 if cells:
-                    rows.append((number, floats(cells)))
+                    rows.append((number, parse_floats(cells)))
     return rows
 
 
@@ -354,7 +354,7 @@ def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
 
 
 def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
-    """Return files, or those in a folder with `suffix`, in order of frames, as Images.
+    """Sort files, or those of a folder, by frame number; return them and their Images.
 
     Each file is of one image.
 
@@ -421,15 +421,15 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     content = read_json(paths[0])
     meta: _Meta = {}
     if isinstance(content, dict):
-        video = checked(_TrackedVideo, content)
+        video = check_json(_TrackedVideo, content)
         meta, content = video.get("meta_info") or {}, video["instance_info"]
         if content and "instances" not in content[0]:  # of one image
             content = [{"frame_id": 0, "instances": content}]
-    frames = checked(list[_Frame], content)
+    frames = check_json(list[_Frame], content)
     numbers, labels = _number_frames([frame.get("frame_id") for frame in frames])
     detections: list[Detection] = []
     for number, frame in enumerate(frames):
-        people = _people_of(frame["instances"])
+        people = _check_people(frame["instances"])
         detections += _detections_of(people, number, needed=True)
     names = meta.get("keypoint_id2name") or {}
     whole = {*names} == {*map(str, range(len(names)))}
@@ -445,7 +445,7 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
 
 
 def _number_frames(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
-    """Return frame numbers, counted from 0 at the first, and labels, of frame ids.
+    """Convert stated frame ids to frames, 0 for the least, and labels of frames.
 
     They are in the order of the file where not all have a number.
 

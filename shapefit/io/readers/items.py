@@ -31,7 +31,7 @@ from shapefit.records.shapes import Shapes
 Notes = tuple[str, ...]
 
 
-def read_landmarks(
+def read_as_landmarks(
     file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Landmarks, Notes]:
     """Read files of one format as Landmarks, and notes; InputError for 3D points."""
@@ -39,7 +39,7 @@ def read_landmarks(
     return poses_to_landmarks(poses, options)
 
 
-def read_shapes(
+def read_as_shapes(
     file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Shapes, Notes]:
     """Read files of one format as Shapes, and notes; InputError for 2D points.

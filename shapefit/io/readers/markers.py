@@ -15,14 +15,14 @@ from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     Poses,
+    check_rate,
     frames_of_labels,
     frames_of_times,
-    is_known_rate,
     number_repeats,
     poses_from_frames,
     require,
 )
-from shapefit.io.readers.text import floats, read_table, read_text
+from shapefit.io.readers.text import parse_floats, read_table, read_text
 
 HEADER_LINES = 5
 """Lines of TRC before the first frame; names stand in the fourth, X1 in the fifth."""
@@ -57,7 +57,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     origins = int(origin[:, named].sum())
     notes = _notes_of_trc(about, len(points), origins, unnamed)
     require("datarate" in about, "there is no DataRate in line 2")
-    rate = floats([about["datarate"]])[0]
+    rate = parse_floats([about["datarate"]])[0]
     timed = len(times) > 0 and bool(np.isfinite(times).all())
     numbers = frames_of_labels(frames)
     if timed and (numbers is None or _are_consecutive(numbers)):
@@ -135,7 +135,7 @@ def _notes_of_trc(
     about: the header of the file; frames: how many there are; origins and unnamed:
     numbers of such points.
     """
-    announced = floats([about.get("numframes") or "0"])[0]
+    announced = parse_floats([about.get("numframes") or "0"])[0]
     notes = []
     if announced > frames:
         lost = int(announced) - frames
@@ -183,7 +183,7 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
         path,
         points,
         labels,
-        rate=floats([rates[0]])[0],
+        rate=parse_floats([rates[0]])[0],
         unit=units[2],
         labels=frames,
         frames=frames_of_labels(frames),
@@ -240,7 +240,7 @@ def poses_from_markers(
     """
     names = number_repeats(markers)
     factor, unit = as_metres(unit)
-    is_known, doubts = is_known_rate(rate)
+    is_known, doubts = check_rate(rate)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:

@@ -21,7 +21,7 @@ from shapefit.io.readers.poses import (
     image_labels,
     require,
 )
-from shapefit.io.readers.text import floats, read_text
+from shapefit.io.readers.text import parse_floats, read_text
 from shapefit.records.items import Direction
 
 KEY = re.compile(r"\s*([A-Za-z]+3?)\s*=\s*(.*)")
@@ -99,7 +99,7 @@ def _specimen_points(
     for offset in range(count):
         words = rows[offset].split() if offset < len(rows) else []
         try:
-            points.append(floats(words, d))
+            points.append(parse_floats(words, d))
         except FormatError as error:
             place = f"{path}:{line + 1 + offset}"
             fix = f"write {d} numbers for each of the {count} landmarks"
@@ -144,7 +144,7 @@ def is_pts(head: Head) -> bool:
 
 
 def read_pts(paths: tuple[Path, ...]) -> Poses:
-    """Read .pts files of 300-W, or those in a folder, with the landmarks of one image.
+    """Read .pts files of 300-W, or those in a folder, each of one image's landmarks.
 
     A file has n_points, and a line of x and y of each point.
     """

@@ -16,14 +16,14 @@ from shapefit.io.readers.poses import (
     FormatError,
     Poses,
     check_names,
+    check_rate,
     frames_of_labels,
-    is_known_rate,
     number_repeats,
     parsing,
     poses_from_frames,
     require,
 )
-from shapefit.io.readers.text import floats, read_table, read_text
+from shapefit.io.readers.text import parse_floats, read_table, read_text
 
 Channel = tuple[bool, int]  # whether it is a rotation, and its axis
 
@@ -94,7 +94,7 @@ CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
 
 
 def _parse_channel(axis: str, kind: str) -> Channel:
-    """Parse the two parts of a channel's name, Xrotation of BVH or rx of ASF.
+    """Convert axis and kind of a channel, Xrotation of BVH or rx of ASF, to a Channel.
 
     Raises FormatError for other axes and kinds.
     """
@@ -121,7 +121,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     joints, lines, announced, seconds = _read_hierarchy(path, text)
     motion = _read_channels(path, text, joints, lines)
     rate = _frame_rate(seconds)
-    is_known, notes = is_known_rate(rate)
+    is_known, notes = check_rate(rate)
     lost = announced - len(motion)
     if lost > 0:
         missing = f"{lost} frames are announced in the header, but not there"
@@ -142,7 +142,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float]:
-    """Read all before the motion: joints, number of lines, of frames, seconds of one.
+    """Read BVH up to its motion: joints, number of lines, of frames, seconds per frame.
 
     Ends of bones are joints without channels. Raises InputError, naming the line.
     """
@@ -163,7 +163,7 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
             elif key in ("OFFSET", "CHANNELS") and not above:
                 raise FormatError(f"{key} stands outside of a joint")
             elif key == "OFFSET":
-                joints[above[-1]].before = np.array(floats(rest, 3))
+                joints[above[-1]].before = np.array(parse_floats(rest, 3))
             elif key == "CHANNELS":
                 channels = [_parse_channel(name[:1], name[1:]) for name in rest[1:]]
                 count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
@@ -175,9 +175,9 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
                     # a channel of position replaces the offset along its axis
                     moved = [axis for turns, axis in joint.channels if not turns]
                     joint.before[moved] = 0
-                return joints, number, announced, floats(rest[1:2], 1)[0]
+                return joints, number, announced, parse_floats(rest[1:2], 1)[0]
             elif key == "FRAMES:":
-                announced = int(max(floats(rest[:1], 1)[0], 0))
+                announced = int(max(parse_floats(rest[:1], 1)[0], 0))
             else:
                 exists = key in ("", "HIERARCHY", "MOTION")
                 require(exists, f"begins with {word!r}, which is no word of BVH")
@@ -265,7 +265,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
-    """Read an ASF file: its bones, the root first, their unit, and the factor to it.
+    """Read an ASF file: bones, root first, a unit, and the factor from lengths to it.
 
     Lengths are in inches / `length`, as in CMU's database (0.45): the factor turns them
     into metres. With `length 1` their unit is unknown. Raises InputError, naming the
@@ -279,7 +279,7 @@ def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
     with parsing(path, "ASF", WHOLE_FILE):
         require(units.get("angle", "deg").startswith("deg"), "angles in radians")
         check_names([bone.name for bone in bones], "bone")
-        (length,) = floats([units.get("length", "1")])
+        (length,) = parse_floats([units.get("length", "1")])
         require(length > 0, f"the unit of length {length:g}")
         _set_parents(bones, links)
     if length == 1:
@@ -343,10 +343,11 @@ def _parse_bone(block: BoneBlock) -> Joint:
     turn = block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
-        before = np.array(floats(block["position"], 3))
+        before = np.array(parse_floats(block["position"], 3))
     else:
-        after = np.array(floats(block["direction"], 3)) * floats(block["length"], 1)[0]
-    angles = floats(turn[:3], 3)
+        direction = np.array(parse_floats(block["direction"], 3))
+        after = direction * parse_floats(block["length"], 1)[0]
+    angles = parse_floats(turn[:3], 3)
     letters = (turn[3:] or ["XYZ"])[0].lower()
     ordered = sorted(letters) == ["x", "y", "z"]
     require(
@@ -400,6 +401,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
     require(labels, "no frames")
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
     values = [
-        np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes
+        np.array(parse_floats(cells[name] or ["0"] * size, size))
+        for name, size in sizes
     ]
     return labels, np.hstack([block.reshape(len(labels), -1) for block in values])

@@ -480,7 +480,7 @@ RATE_UNKNOWN = (
 """Note on a file that states this rate, as programs do that know none."""
 
 
-def is_known_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
+def check_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
     """Return whether a frame rate (Hz) that a file states is known, and a note if not.
 
     Formats may demand a rate: shapefit, as other programs, then writes UNKNOWN_RATE.
@@ -564,16 +564,17 @@ def name_individual(who: object) -> str:
     return f"id {who:g}" if who >= 0 else ""
 
 
-def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:
+def skeleton_edges(content: object, landmark_count: int, *, first: int = 0) -> Edges:
     """Return index pairs of a list of edges in JSON, those of two existing landmarks.
 
-    landmarks: how many there are; a file counts them from `first`. Edges of another
-    kind are left out.
+    The file counts landmarks from `first`. Edges of another kind are left out.
     """
     pairs: list[tuple[int, int]] = []
-    for line in lines if isinstance(lines, list) else []:
-        ends = line if isinstance(line, list) else []
+    for edge in content if isinstance(content, list) else []:
+        ends = edge if isinstance(edge, list) else []
         whole = [end - first for end in ends if isinstance(end, int)]
-        if len(ends) == len(whole) == 2 and 0 <= min(whole) <= max(whole) < landmarks:
+        if not len(ends) == len(whole) == 2:
+            continue
+        if 0 <= min(whole) <= max(whole) < landmark_count:
             pairs.append((whole[0], whole[1]))
     return tuple(pairs)

@@ -162,9 +162,9 @@ def _describe_layout(header: Header) -> str:
 
 
 def _choose_body(bodies: Sequence[Body], dimensions: int | None) -> Body:
-    """Return the first of bodies, sorted by size, that has the wanted dimensions.
+    """Return the largest body of the wanted dimensions, else in 2D, else the largest.
 
-    If none has, the first in 2D, else the first.
+    bodies: the largest first.
     """
     for wanted in (dimensions, 2):
         for body in bodies:
@@ -558,9 +558,9 @@ def _parse_frames(
 def _sort_by_video(
     values: Floats | Integers, videos: Sequence[str] | None
 ) -> tuple[Integers, Integers]:
-    """Return the indices (n,) that sort rows by video and value, and first rows (n,).
+    """Return indices (n,) that sort rows by video and value; each one's first row (n,).
 
-    The latter are, for each row, the index of the row of least value in its video.
+    That is the row of least value in the same video.
     """
     videos = videos or [""] * len(values)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}

@@ -19,7 +19,7 @@ from shapefit.geometry.normalisation import metres_in
 from shapefit.io.formats import Head
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.declared import checked, parsed
+from shapefit.io.readers.declared import check_json, parse_json
 from shapefit.io.readers.poses import (
     Edges,
     FormatError,
@@ -154,9 +154,9 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         axes = [*(FRAMES_FIRST if frames_first > sleap else SLEAP_ORDER)]
     else:
         axes = (
-            checked(list[str], dims)
+            check_json(list[str], dims)
             if isinstance(dims, list)
-            else parsed(list[str], str(dims), "the attribute dims")
+            else parse_json(list[str], str(dims), "the attribute dims")
         )
     known = sorted(axes) == sorted(FRAMES_FIRST)
     require(known, f"tracks has the axes {abbreviate([*axes])}")
@@ -310,14 +310,15 @@ def _read_slp_tables(path: Path) -> SlpFile:
     """Read tracks, videos, skeletons and tables of a .slp file, and check them."""
     with TrackerFile(path) as file:
         tracks = [
-            parsed(list[object], text, "tracks_json")
+            parse_json(list[object], text, "tracks_json")
             for text in file.texts("tracks_json")
         ]
         require(all(len(track) > 1 for track in tracks), "a track without a name")
         videos = [
-            parsed(_Video, text, "videos_json") for text in file.texts("videos_json")
+            parse_json(_Video, text, "videos_json")
+            for text in file.texts("videos_json")
         ]
-        metadata = parsed(_Metadata, file.text("json", "metadata"), "metadata@json")
+        metadata = parse_json(_Metadata, file.text("json", "metadata"), "metadata@json")
         format_id = file.number("format_id", "metadata")
         return SlpFile(
             track_names=tuple(str(track[1]) for track in tracks),

@@ -152,7 +152,7 @@ def _find_upright_rotation(
     if isinstance(records, Shapes):
         axes = "axes as in the shapes" if up is None else f"y up, which was {up}"
         return TO_Y_UP[up or "y"], axes
-    rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
+    rotation = _values_per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
     if rotation is not None:
         up = up or nearest_axis_up(rotation)
         turn = (
@@ -240,14 +240,14 @@ def _move_to_world(records: Fit, points: Floats, place: str) -> tuple[Floats, fl
     Returns them, and the largest distance of the camera. Without extrinsics they stay,
     and the distance is 0.
     """
-    world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+    world = _values_per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
     if world is None or records.column(EXTRINSIC_ROTATION) is None:
         return points, 0.0
     far = float(np.linalg.norm(world, axis=1).max(initial=0))
     return points - (world * image_axis_signs(records))[..., None], far
 
 
-def _per_item(
+def _values_per_item(
     records: Fit, name: str, shape: tuple[int, ...], place: str
 ) -> Floats | None:
     """Return a column as an array (n, *shape); None if it is absent.

@@ -156,7 +156,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
     """
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; with `angles` their joint angles, too."""
+        """Take the options of files in metres; with `angles` compute joint angles."""
         super().__init__()
         self._parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
@@ -454,9 +454,9 @@ def _split_sequences(records: Record, place: str) -> list[tuple[str, Record, Int
 def _visible_around(
     records: Fit, landmark: int, rate: float, frames: Integers
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,): was a landmark seen within 1/4 s of each of frames (n,)?
+    """Return a mask (n,) of frames with a landmark seen within a quarter of a second.
 
-    landmark: its index; rate in Hz.
+    landmark: its index; frames (n,): those of items; rate in Hz.
     """
     if records.landmarks is None:
         return np.ones(len(records), dtype=np.bool_)
