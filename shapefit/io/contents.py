@@ -61,14 +61,14 @@ def digest_of_lines(lines: Iterable[DigestLine]) -> str:
 def _describe_attributes(
     name: str, node: h5py.Group | h5py.Dataset
 ) -> Iterator[DigestLine]:
-    """Yield a list to be hashed for each attribute of a node, but the stored digest."""
+    """Yield a list to hash for each attribute of a node, except the stored digest."""
     for key in node.attrs:
         if name != "/" or key != CONTENTS:
             yield describe_attribute(name, key, node.attrs[key])
 
 
 def describe_attribute(name: str, key: str, value: object) -> DigestLine:
-    """Describe attribute `key` of the node called `name` as a list to be hashed.
+    """Describe attribute `key` of the node called `name` as a list to hash.
 
     `value` is what h5py reads, or what is written by it.
     """
@@ -86,7 +86,7 @@ def describe_attribute(name: str, key: str, value: object) -> DigestLine:
 def _describe_dataset(
     dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
 ) -> DigestLine:
-    """Describe a dataset as a list to be hashed; read its values in blocks of rows.
+    """Describe a dataset as a list to hash; read its values in blocks of rows.
 
     Of one that is empty, or neither numbers nor texts, it says the kind and the type.
     """
@@ -104,7 +104,7 @@ def _describe_dataset(
 def describe_values(
     name: str, kind: str, shape: Sequence[int], digest: ValuesDigest
 ) -> DigestLine:
-    """Describe a dataset of numbers or texts as a list to be hashed."""
+    """Describe a dataset of numbers or texts as a list to hash."""
     return ["dataset", name, kind, list(shape), digest.hexdigest()]
 
 

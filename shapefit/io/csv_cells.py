@@ -238,7 +238,7 @@ def _split_blocks(
     *,
     spaced: bool,
 ) -> Iterator[Cells]:
-    """Split numbered texts of whole lines into cells, a block of rows at a time.
+    """Split texts of whole lines, each after its line number, into blocks of cells.
 
     Where `spaced`, spaces around cells are removed. From the first quote on, a block
     has `max_rows` rows. Raises InputError for rows that

@@ -497,6 +497,7 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
             file, place, errnos = stack.enter_context(path.open("wb")), target, None
 
         def write(data: bytes | memoryview) -> None:
+            """Write bytes to the file at once; InputError where that fails."""
             with storage_errors(place, errnos):
                 file.write(data)
                 file.flush()

@@ -410,8 +410,8 @@ class Hdf5Reader(Hdf5File):
         fix = "set y_axis to up or down, and frame_rate to frames per second, a"
         return input_error(self.path, fault, f"{fix} number > 0")
 
-    def records(self, rows: slice, without: Collection[str] = ()) -> Items:
-        """Return these rows as a record, without the datasets named in `without`."""
+    def read_record(self, rows: slice, without: Collection[str] = ()) -> Items:
+        """Read these rows as a record, without the datasets named in `without`."""
         assert self.layout.record is not None, "a dictionary has no items"
         fields: dict[str, Any] = {}
         extras: dict[str, Array] = {}

@@ -87,7 +87,7 @@ def require_file(path: Path) -> None:
 
 
 def find_state(path: Path) -> State:
-    """Return the size in bytes and time of change (ns) of a file, zeros without one.
+    """Return size in bytes and time of change (ns) of a file, (0, 0) if there is none.
 
     What is no file, such as a pipe, has zeros, too. Of a folder it is all bytes, and a
     number that another name, size or time of a file in it makes another one. Hidden

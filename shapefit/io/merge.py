@@ -197,19 +197,19 @@ def _have_same_column(first: Items, head: Items, name: str) -> bool:
 
 
 def _common_value(
-    what: str, places: Sequence[str], stated: Sequence[Stated | None]
+    name: str, places: Sequence[str], values: Sequence[Stated | None]
 ) -> Stated | None:
     """Return the value that files state, None if none does; InputError if two differ.
 
-    `places` name the files, `what` the value in the message.
+    `places` name the files, `name` the value in the message.
     """
     place_of = {
-        v: place for place, v in zip(places, stated, strict=True) if v is not None
+        v: place for place, v in zip(places, values, strict=True) if v is not None
     }
     if not place_of:
         return None
     first, *others = place_of
     for value in others:
-        fault = f"its {what} is '{value}', that of {place_of[first]} is '{first}'"
+        fault = f"its {name} is '{value}', that of {place_of[first]} is '{first}'"
         raise input_error(place_of[value], fault, SEPARATELY)
     return first

@@ -131,7 +131,7 @@ def find_side_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
 def prefix_with_file(
     files: Sequence[SourceFile[Record]],
 ) -> tuple[Sequence[SourceFile[Record]], tuple[str, ...]]:
-    """Put file names before items if two files have the same item; return files, note.
+    """Put file names before items if two files share one; return files and a note.
 
     Raises InputError for items that are twice in a file, and for files of one name.
     """
@@ -162,6 +162,7 @@ def _find_shared_item(files: Sequence[SourceFile[Record]]) -> str | None:
     """
 
     def item_names(file: SourceFile[Record]) -> Iterator[str]:
+        """Yield the name of each item of a file."""
         return chain.from_iterable(file.blocks("item"))
 
     everything = chain.from_iterable(map(item_names, files))

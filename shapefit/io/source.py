@@ -255,7 +255,7 @@ class SourceFile(Generic[Record]):
         return self.read(slice(0, 0))
 
     def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
-        """Yield the texts of dataset `item` or `sequence`, ITEMS_PER_BLOCK at a time.
+        """Yield names of items or sequences (`dataset`), ITEMS_PER_BLOCK at a time.
 
         They are empty where there is no such dataset.
         """
@@ -272,6 +272,7 @@ class SourceFile(Generic[Record]):
         """Return the file with `prefix/` before the names of items and sequences."""
 
         def add_prefix(texts: Sequence[str]) -> tuple[str, ...]:
+            """Return texts with the prefix; "" stays."""
             return tuple(text and f"{prefix}/{text}" for text in texts)
 
         def read(rows: slice) -> Record:
@@ -631,7 +632,7 @@ def _file_of_hdf5(
     order = None if kind is Fit else _order_of_frames(file, str(path))
     if order is not None:
         part = order[start:stop]
-        record = file.records(slice(0, file.count), without)
+        record = file.read_record(slice(0, file.count), without)
         return SourceFile.of(
             str(path),
             _as_kind(kind, record).take(part),
@@ -647,7 +648,7 @@ def _file_of_hdf5(
         name=str(path),
         count=stop - start,
         read=lambda part: _as_kind(
-            kind, readers.open(path).records(within(part), without)
+            kind, readers.open(path).read_record(within(part), without)
         ),
         texts=lambda dataset, part: readers.open(path).read(dataset, within(part)),
         place=lambda dataset, row: f"{path}:/{dataset}[{start + row}]",

@@ -51,7 +51,7 @@ def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
 def _recognise_by_suffix(
     *endings: str, begins: tuple[bytes, ...] = (b"",)
 ) -> Callable[[Head], bool]:
-    """Make a function of a Head: has it one of these suffixes, and begins like this?"""
+    """Make a function of a Head: has it one of `endings`, and a start of `begins`?"""
     return lambda head: head.has_suffix(*endings) and head.bytes.startswith(begins)
 
 

@@ -112,7 +112,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     file = _read_c3d_header(path)
-    layout = _fitting_layout(path, file)
+    layout = _choose_layout(path, file)
     require(layout.points, "no points, and no parameters POINT")
     points = _read_points(path, file, layout)
     notes = _notes_of_counts(file, layout)
@@ -271,7 +271,7 @@ def _decode_values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Valu
 # Data.
 
 
-def _fitting_layout(path: Path, file: C3d) -> DataLayout:
+def _choose_layout(path: Path, file: C3d) -> DataLayout:
     """Return the layout, by parameters or header, whose size fits the data section.
 
     It fills the section up to the end of its last block.

@@ -167,7 +167,7 @@ def find_angles(rotations: Floats) -> Floats:
 def _joint_lines(
     rig: Rig, names: list[str], number: int = 0, tabs: str = ""
 ) -> Iterator[str]:
-    """Yield the lines of BVH's hierarchy for node `number` of a rig, and all below."""
+    """Yield lines of BVH's hierarchy for node `number` of a rig and its descendants."""
     below = [k for k, node in enumerate(rig.tree) if node.above == number]
     yield f"{tabs}{'JOINT' if number else 'ROOT'} {names[number]}"
     yield f"{tabs}{{"
