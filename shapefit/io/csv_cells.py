@@ -241,8 +241,8 @@ def _split_blocks(
     """Split texts of whole lines, each after its line number, into blocks of cells.
 
     Where `spaced`, spaces around cells are removed. From the first quote on, a block
-    has `max_rows` rows. Raises InputError for rows that
-    do not have a cell for each column, and for wrong quotes.
+    has `max_rows` rows. Raises InputError for rows that do not have a cell for each
+    column, and for wrong quotes.
     """
     width = len(columns)
     for line, text in texts:

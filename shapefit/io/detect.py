@@ -50,8 +50,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     """Return the format of a file or folder, by its content or by the format's `name`.
 
     With `auto` it is recognised: text of no known kind is CSV, and so are standard
-    input and pipes. Raises InputError as `require_file` does, for
-    unknown names, and for files that are something else.
+    input and pipes. Raises InputError as `require_file` does, for unknown names, and
+    for files that are something else.
     """
     if name != "auto" and not is_stream(path):
         chosen = find_format(name, FORMATS)

@@ -389,7 +389,7 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
     """Return the format to write; InputError if it cannot hold records of `kind`.
 
-    It is found as by `find_target_format`.
+    The format is found as `find_target_format` finds it.
     """
     target = find_target_format(path, name)
     if kind not in target.records:

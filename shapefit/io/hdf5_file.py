@@ -227,7 +227,7 @@ class Hdf5File:
     ) -> None:
         """Raise InputError if chunks of these rows inflate to more than they declare.
 
-        So it does for chunks that memory cannot hold.
+        Chunks that memory cannot hold are refused, too.
         """
         if dataset.chunks is None:
             return
