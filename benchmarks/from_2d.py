@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.coverage import read_images, write_images
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import std
 from shapefit.geometry.rotations import rotation_about_axis
@@ -90,12 +90,12 @@ def e3d(found: Floats, truth: Floats) -> Floats:
 
 def normalised(found: Floats, truth: Floats) -> Floats:
     """Similarity error over the size of the truth (n,)."""
-    return similarity(found, truth) / std(truth)
+    return similarity_error(found, truth) / std(truth)
 
 
 def millimetres(found: Floats, truth: Floats) -> Floats:
     """Similarity error (n,) in mm of a truth in metres with gaps."""
-    return 1000 * similarity(found, truth)
+    return 1000 * similarity_error(found, truth)
 
 
 def read(paths: list[Path]) -> Landmarks:

@@ -15,19 +15,23 @@ import shapefit
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.model import Dictionary
-from shapefit.evaluation.metrics import MIN_COMMON_LANDMARKS, similarity, truth_scale
+from shapefit.evaluation.metrics import (
+    MIN_COMMON_LANDMARKS,
+    similarity_error,
+    truth_scale,
+)
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import read_dictionary, read_shapes
 from shapefit.io.arrange import arrange
 
 ORACLES: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
-    "Mean shape (oracle)": lambda true, dictionary: similarity(
+    "Mean shape (oracle)": lambda true, dictionary: similarity_error(
         np.broadcast_to(dictionary.mean_shape, true.shape), true
     ),
     "Nearest atom (oracle)": lambda true, dictionary: nearest_atom(
         true, dictionary.atoms
     ),
-    "Best combination (oracle)": lambda true, dictionary: similarity(
+    "Best combination (oracle)": lambda true, dictionary: similarity_error(
         best_combination(true, dictionary.atoms), true
     ),
 }
@@ -95,10 +99,10 @@ MAX_ROUNDS = 200
 
 
 def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
-    """Return min over i of similarity(B_i, S) for each shape; (n, 3, p), (k, 3, p) ->
-    (n,).
-    """
-    errors = [similarity(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms]
+    """Return the least similarity error (n,) of any of k atoms for each of n shapes."""
+    errors = [
+        similarity_error(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms
+    ]
     nearest: Floats = np.min(errors, axis=0)
     return nearest
 

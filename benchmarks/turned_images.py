@@ -16,7 +16,7 @@ import numpy as np
 import shapefit
 from shapefit.api.arguments import Method
 from shapefit.arrays import Floats
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import std
 from shapefit.records import Landmarks
@@ -39,7 +39,7 @@ def measure_change(images: Landmarks, dictionary: str, method: Method) -> Floats
     """Return how far shapes (n,) of turned images are from those of the images."""
     upright = shapefit.fit(images, dictionary, method=method).as_columns()
     turned = shapefit.fit(turn(images, DEGREES), dictionary, method=method).as_columns()
-    change: Floats = similarity(upright, turned) / std(turned)
+    change: Floats = similarity_error(upright, turned) / std(turned)
     return change
 
 

@@ -115,9 +115,9 @@ def key_path(parameter: str) -> tuple[str, ...]:
 def keys(ctx: click.Context, _key: str) -> Iterable[str]:
     """Return what completes the option --set: `key=` for each key of the command."""
     from shapefit.config import CONFIGS
-    from shapefit.config.reference import rows
+    from shapefit.config.reference import describe_keys
 
-    return [f"{row.name}=" for row in rows(CONFIGS[str(ctx.info_name)])]
+    return [f"{row.name}=" for row in describe_keys(CONFIGS[str(ctx.info_name)])]
 
 
 def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:

@@ -20,7 +20,7 @@ import numpy as np
 import shapefit
 from shapefit.api.arguments import Metric
 from shapefit.arrays import Flags, Floats
-from shapefit.evaluation.report import ALL, decimals_of, markdown_table, number
+from shapefit.evaluation.report import ALL, decimals_of, format_number, markdown_table
 
 PROJECT = Path(__file__).resolve().parents[1]
 CONFIGS, RESULTS = PROJECT / "configs", PROJECT / "results"
@@ -395,7 +395,7 @@ def table_of(points: Sequence[Point]) -> str:
         before = "" if group == ALL else f"{group}: "
         decimals = decimals_of(n for p in own for n in (p.mean, p.median))
         columns[f"{before}{metric} ({unit})"] = {
-            p.value: f"{number(p.mean, decimals)} / {number(p.median, decimals)}"
+            p.value: " / ".join(format_number(n, decimals) for n in (p.mean, p.median))
             for p in own
         }
         if metric not in ("precision", "recall") and any(p.failed for p in own):

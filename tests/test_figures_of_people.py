@@ -19,7 +19,7 @@ from benchmarks.footage import (
     look,
     measure,
 )
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_shapes
 from shapefit.pipelines.evaluate.measure import with_shapes_of
@@ -112,7 +112,7 @@ def error(tmp_path):
         result = with_shapes_of(fit, names)
         rows = [truth.items.index(item) for item in result.items]
         true = normalise(points_of(truth, names)[rows]).points
-        errors = similarity(points_of(result, names), true)
+        errors = similarity_error(points_of(result, names), true)
         return float(errors.mean())
 
     return error

@@ -19,7 +19,7 @@ from shapefit.cli.options import COMMON
 from shapefit import core
 from shapefit.config import CONFIGS
 from shapefit.config.commands.input import LandmarksConfig, MetresConfig, TruthConfig
-from shapefit.config.reference import KeyInWords, rows
+from shapefit.config.reference import KeyInWords, describe_keys
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 WIDTH = 90
@@ -93,14 +93,14 @@ def config_page() -> str:
         users = [
             f"`{name}`" for name, config in CONFIGS.items() if issubclass(config, model)
         ]
-        shared = [row for row in rows(model) if row.name not in above]
+        shared = [row for row in describe_keys(model) if row.name not in above]
         sections.append(f"## {title}: {', '.join(users)}\n\n{_table(shared)}")
         listed[model] = above | {row.name for row in shared}
     for command, config in CONFIGS.items():
         above = set().union(
             *(listed[base] for base in config.__mro__ if base in listed)
         )
-        others = [row for row in rows(config) if row.name not in above]
+        others = [row for row in describe_keys(config) if row.name not in above]
         summary = " ".join((config.__doc__ or "").split())
         sections.append(f"## `{command}`\n\n{summary}\n\n{_table(others)}")
     return "\n".join(sections)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
 from io import StringIO
 from itertools import chain, islice
 from pathlib import Path
@@ -140,18 +139,17 @@ class SplitCells(Cells):
         self,
         lines: Integers,
         data: bytes,
+        words: NDArray[np.uint64],
         offsets: Mapping[str, tuple[Integers, Integers]],
     ) -> None:
-        """Take bytes of text, and column -> offsets where its cells start and end."""
+        """Take a text as bytes and as words for the core, and offsets of its cells.
+
+        offsets: column -> where its cells start and end in the bytes.
+        """
         super().__init__(lines, [*offsets])
         self._data = data
+        self._words = words
         self._offsets = offsets
-
-    @cached_property
-    def _words(self) -> NDArray[np.uint64]:
-        """The bytes of the text as 64-bit words for the core, filled up by spaces."""
-        size = -(-len(self._data) // WORD_BYTES) * WORD_BYTES
-        return np.frombuffer(self._data.ljust(size), np.uint64)
 
     def cell(self, column: str, row: int) -> str:
         """Return the text of one cell."""
@@ -274,22 +272,21 @@ def split_cells(
     if '"' in text or "\r" in text:
         return None
     data = text.removesuffix("\n").encode() + b"\n"
-    letters = np.frombuffer(data, np.uint8)
-    marks = np.flatnonzero((letters == ord(",")) | (letters == ord("\n")))
-    width = len(columns)
-    last = np.flatnonzero(letters[marks] == ord("\n"))
-    if not np.array_equal(last, np.arange(width - 1, len(marks), width)):
+    count = data.count(b"\n")
+    words = _as_words(data)
+    starts, ends = np.empty((2, len(columns), count), np.int64)
+    # Where the first cell is empty, the whole row may be.
+    if core.split_csv_lines(letters=words, starts=starts, ends=ends) < count:
         return None
-    starts = np.concatenate([[0], marks[:-1] + 1]).reshape(-1, width)
-    ends = marks.reshape(-1, width)
-    if (starts[:, 0] == ends[:, 0]).any():  # there may be an empty row
-        return None
-    lines = np.arange(first_line, first_line + len(ends))
-    offsets = {
-        column: (np.ascontiguousarray(starts[:, k]), np.ascontiguousarray(ends[:, k]))
-        for k, column in enumerate(columns)
-    }
-    return SplitCells(lines, data, offsets)
+    offsets = dict(zip(columns, zip(starts, ends, strict=True), strict=True))
+    lines = np.arange(first_line, first_line + count)
+    return SplitCells(lines, data, words, offsets)
+
+
+def _as_words(data: bytes) -> NDArray[np.uint64]:
+    """Return bytes of text as 64-bit words for the core, filled up by spaces."""
+    size = -(-len(data) // WORD_BYTES) * WORD_BYTES
+    return np.frombuffer(data.ljust(size), np.uint64)
 
 
 def parse_rows(

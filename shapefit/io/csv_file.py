@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, runs
+from shapefit.arrays import Flags, Floats, split_runs
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
@@ -138,7 +138,7 @@ def _sort_by_frame(record: Items, numbered: bool, name: str) -> Items:
     if order is not None:
         record = record.take(order)
     rate = find_rate(record.frames, record.times)
-    return replace(record, frame_rate=rate)
+    return record if rate == record.frame_rate else replace(record, frame_rate=rate)
 
 
 def _read_unordered(path: Path, kind: str) -> Items:
@@ -334,6 +334,8 @@ class Table:
         self._parts = [(lines, item, landmark, *values)]
         place = item * np.int64(len(self._landmarks)) + landmark
         row = np.arange(len(lines))
+        if len(row) == places and np.array_equal(place, row):  # as most tables are
+            return np.stack(values)
         first = np.full(places, -1)
         first[place[::-1]] = row[::-1]
         again = np.flatnonzero(first[place] != row)
@@ -422,7 +424,7 @@ def _differ_from_item(cells: Cells, column: str, of_item: dict[str, str]) -> Fla
     texts_of_rows, texts = cells.unique_texts(column)
     differ = np.zeros(len(items_of_rows), bool)
     is_new = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
-    for rows in runs(is_new, len(items_of_rows)):
+    for rows in split_runs(is_new, len(items_of_rows)):
         text = texts[texts_of_rows[rows.start]]
         first = of_item.setdefault(items[items_of_rows[rows.start]], text)
         differ[rows] = first != text

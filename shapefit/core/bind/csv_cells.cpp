@@ -1,5 +1,6 @@
-// Cells of a table as numbers, and as texts that are numbered. A cell is what stands
-// from its first letter to its last, in a text that is given once for all of them.
+// Cells of a table: where they are, as numbers, and as texts that are numbered. A cell
+// is what stands from its first letter to its last, in a text that is given once for
+// all of them.
 #include "../base/registry.hpp"
 
 #include <charconv>
@@ -9,6 +10,13 @@
 #include <vector>
 
 namespace shapefit {
+
+struct CsvLinesData {
+    Arguments& from;
+    Vector<const uint64_t> letters = from("letters", "w");  // of l lines, ends included
+    Matrix<int64_t> starts = from("starts", "c l");  // of the cells of each column
+    Matrix<int64_t> ends = from("ends", "c l");
+};
 
 struct CsvNumbersData {
     Arguments& from;
@@ -56,6 +64,27 @@ bool read_number(std::string_view cell, double& number) {
 
 }  // namespace
 
+// Find the cells of lines, none of them in quotes; returns how many lines have a cell
+// for each column, the first of them not empty, before one that does not.
+Index split_csv_lines(const CsvLinesData& data) {
+    const char* letters = reinterpret_cast<const char*>(data.letters.data);
+    const Index columns = data.starts.size[0];
+    const Index lines = data.starts.size[1];
+    Index at = 0;
+    for (Index line = 0; line < lines; ++line) {
+        for (Index column = 0; column < columns; ++column) {
+            data.starts[column][line] = at;
+            while (letters[at] != ',' && letters[at] != '\n') ++at;
+            data.ends[column][line] = at;
+            const bool is_last = column == columns - 1;
+            if ((letters[at] == '\n') != is_last) return line;
+            ++at;
+        }
+        if (data.ends[0][line] == data.starts[0][line]) return line;
+    }
+    return lines;
+}
+
 // Read the cells that are plain decimal numbers, and say which; the others are left to
 // Python.
 void read_csv_numbers(const CsvNumbersData& data) {
@@ -96,6 +125,7 @@ Index number_csv_texts(const CsvTextsData& data) {
     return static_cast<Index>(texts.size());
 }
 
+const Exported<split_csv_lines> split_csv_lines_exported{"split_csv_lines"};
 const Exported<read_csv_numbers> read_csv_numbers_exported{"read_csv_numbers"};
 const Exported<number_csv_texts> number_csv_texts_exported{"number_csv_texts"};
 
