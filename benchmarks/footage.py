@@ -48,9 +48,9 @@ from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import (
     PEOPLE,
     THETA,
+    body_parts,
     installed_skeletons,
     part_names,
-    parts_of_the_body,
     people_joints,
 )
 from shapefit.io.writers.motion import find_floors
@@ -275,7 +275,7 @@ def joint_weights(
     """Return the weights (m, p) of the joints whose weighted sums are the landmarks,
     and the indices of the joints that landmarks stand for.
     """
-    parts = [parts_of_the_body()[part] for part in part_names(names).values()]
+    parts = [body_parts()[part] for part in part_names(names).values()]
     if set(names) <= set(joints):  # the joints themselves
         theta = dict.fromkeys(theta, 1.0)
     rows = np.zeros((len(names), len(joints)))

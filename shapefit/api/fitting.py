@@ -33,11 +33,11 @@ from shapefit.config.commands.fit import FitConfig
 from shapefit.dictionary import model
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import CAMERA_MATRIX
-from shapefit.io.dictionaries import check_given_dictionary
+from shapefit.io.dictionaries import check_dictionary_in_memory
 from shapefit.io.options import input_options
-from shapefit.io.readers.arrays import poses_of_array
-from shapefit.io.readers.items import landmarks_of
-from shapefit.io.source import source_of, without_doubtful
+from shapefit.io.readers.arrays import poses_from_array
+from shapefit.io.readers.items import poses_to_landmarks
+from shapefit.io.source import hide_below, source_of
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.choices import (
     are_long,
@@ -242,7 +242,7 @@ def _dictionary(given: Dictionary | File) -> model.Dictionary:
         )
         raise input_error("dictionary", fault, fix)
     atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
-    check_given_dictionary(atoms, "dictionary")
+    check_dictionary_in_memory(atoms, "dictionary")
     return atoms
 
 
@@ -261,7 +261,7 @@ def _as_images(
         fix = f"say it of these: landmarks.replaced(y_axis={config.y_axis!r})"
         raise input_error("fit.y_axis", fault, fix)
     if config.min_confidence:
-        landmarks = without_doubtful(landmarks, config.min_confidence)
+        landmarks = hide_below(landmarks, config.min_confidence)
     return with_names(landmarks, names).with_whole_points()
 
 
@@ -289,10 +289,10 @@ def _landmarks_of_array(
         return with_names(plain, names).with_whole_points()
     place = Path("landmarks")
     if config.keypoints is None:
-        poses = poses_of_array(place, points, landmark_names=tuple(names))
+        poses = poses_from_array(place, points, landmark_names=tuple(names))
     else:
-        poses = poses_of_array(place, points)
-    images, _ = landmarks_of(poses, input_options(config))
+        poses = poses_from_array(place, points)
+    images, _ = poses_to_landmarks(poses, input_options(config))
     return images.replaced(y_axis=config.y_axis or images.y_axis)
 
 

@@ -165,16 +165,16 @@ def select_items(
     if config.individual is not None:
         rows = find_individual(sequences, config.individual, config.files)
     if config.every == 1:
-        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
+        return source.select(rows, ITEMS_AT_ONCE), len(rows)
     keys = match_keys(source.batches(ITEMS_AT_ONCE))
     rows, numbers = thin_frames(rows, keys, sequences, config.every)
     if keys.frames is None:
-        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
+        return source.select(rows, ITEMS_AT_ONCE), len(rows)
 
     def numbered_anew() -> Iterator[AnyRecord]:
         """Yield the wanted items with their new frame numbers."""
         done = 0
-        for records in source.chosen(rows, ITEMS_AT_ONCE):
+        for records in source.select(rows, ITEMS_AT_ONCE):
             yield replace(records, frames=numbers[done : done + len(records)])
             done += len(records)
 

@@ -23,7 +23,7 @@ from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.readers.tables import understand
+from shapefit.io.readers.tables import read_described_table
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import (
     OPTIONAL_DATASETS,
@@ -218,7 +218,7 @@ def describe_input(
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
         if file_format is FORMATS["table"]:
-            items += understand(paths[0], 3 if kind == "shapes" else 2).lines
+            items += read_described_table(paths[0], 3 if kind == "shapes" else 2).lines
         if kind == "landmarks" and not is_of_people(names):
             items.append(("dictionary", HOW_TO_LEARN))
         following = next_command(kind, paths, names, options.keypoints)

@@ -18,7 +18,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary, map_landmarks
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
-from shapefit.io.names import check_numbering, numbers_of, renamed
+from shapefit.io.names import check_numbering, numbers_of, rename_landmarks
 from shapefit.io.skeletons import PEOPLE, THETA, BodyPart, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import (
     as_joints,
@@ -296,7 +296,7 @@ def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
-    names = renamed(images.landmark_names, joints.names, place)
+    names = rename_landmarks(images.landmark_names, joints.names, place)
     return replace(
         images, landmarks=landmarks, confidence=confidence, landmark_names=names
     )

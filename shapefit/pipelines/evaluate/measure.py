@@ -26,7 +26,7 @@ from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.procrustes import aligned_distances, similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
-from shapefit.io.names import check_numbering, match_landmarks, pairs_of_sides
+from shapefit.io.names import check_numbering, find_side_pairs, match_landmarks
 from shapefit.io.skeletons import joint_columns
 from shapefit.pipelines.items import (
     BY_FRAME,
@@ -456,7 +456,7 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
     e = estimate[some]
     x = truth[some]
     exchanged = np.arange(len(names))
-    for left, right in pairs_of_sides(names):
+    for left, right in find_side_pairs(names):
         exchanged[[left, right]] = right, left
 
     def median_error(true: Floats) -> float:

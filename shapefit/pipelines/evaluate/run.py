@@ -31,9 +31,9 @@ from shapefit.evaluation.page import PageFacts, report_page
 from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
-from shapefit.io.csv_rows import csv_rows
+from shapefit.io.csv_rows import format_rows
 from shapefit.io.detect import detect_format
-from shapefit.io.formats import check_holds
+from shapefit.io.formats import check_our_format
 from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
 from shapefit.io.source import (
@@ -212,7 +212,7 @@ def open_method(files: Sequence[Path]) -> ResultSource | ShapeSource:
     file_format = detect_format(files[0])
     if file_format.read_poses is not None:
         return open_shapes(files, gaps=True)
-    check_holds(files[0], "result", file_format)
+    check_our_format(files[0], "result", file_format)
     return open_results(files, SKIPPED_COLUMNS)
 
 
@@ -342,7 +342,9 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
         cells = np.column_stack(
             [counted, np.full_like(counted, n), np.full_like(counted, n + 1)]
         )
-        yield csv_rows(texts, cells, values[counted, None], leading=2, as_python=True)
+        yield format_rows(
+            texts, cells, values[counted, None], leading=2, as_python=True
+        )
 
 
 def _quoted(rows: Iterable[tuple[str, ...]]) -> list[bytes]:

@@ -23,7 +23,7 @@ from shapefit.config.manifest import (
 )
 from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
-from shapefit.io.inputs import State, in_words
+from shapefit.io.inputs import State, format_bytes
 from shapefit.pipelines.result import Numbers
 
 LOCK_FILE = ".lock"
@@ -215,7 +215,7 @@ def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
     size = sum(part.bytes for part in parts.values())
     without = f", {failed:,} without a shape" if failed else ""
     return [
-        ("parts", f"{len(parts):,}, {in_words(size)}"),
+        ("parts", f"{len(parts):,}, {format_bytes(size)}"),
         ("images", f"{images:,}{without}"),
     ]
 

@@ -160,7 +160,7 @@ def _read_records(
         rows: dict[str, list[int]] = {}
         size = 0
         for name, source in sources.items():
-            every = enumerate(chain.from_iterable(source.names()))
+            every = enumerate(chain.from_iterable(source.item_names()))
             rows[name] = [row for row, item in every if item in chosen]
             landmarks = len(source.head.landmark_names)
             frame_bytes = MAX_FRAME_BYTES + MAX_LANDMARK_BYTES * landmarks
@@ -224,7 +224,7 @@ def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
         if seen_in[sequence] % step == 0:
             taken.append(row)
         seen_in[sequence] += 1
-    parts: list[AnyRecord] = [*source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)]
+    parts: list[AnyRecord] = [*source.select(np.array(taken), ITEMS_READ_AT_ONCE)]
     return concatenate(parts)
 
 

@@ -20,7 +20,7 @@ from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
 from shapefit.io.layout import FOCAL_ASSUMED
-from shapefit.io.names import pairs_of_sides
+from shapefit.io.names import find_side_pairs
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.metres import find_stature
@@ -340,7 +340,7 @@ def find_sides(names: Sequence[str]) -> list[int]:
     What has no counterpart is in the middle.
     """
     sides = [MIDDLE] * len(names)
-    for left, right in pairs_of_sides(names):
+    for left, right in find_side_pairs(names):
         sides[left] = LEFT_SIDE
         sides[right] = RIGHT_SIDE
     return sides
