@@ -50,10 +50,10 @@ def catch_signals() -> None:
 
 @contextmanager
 def keep_signals() -> Iterator[None]:
-    """Raise Stopped at the end of the block where a signal has come, however it ends.
+    """Raise Stopped at the end of a `with` block during which a signal came.
 
-    Another exception may have been made from it, and what the block has done without it
-    is not all.
+    It does so however the block ends: another exception may have been made from the
+    signal's, and what the block has done without it is not all.
     """
     try:
         yield
