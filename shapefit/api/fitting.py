@@ -26,7 +26,7 @@ from shapefit.api.arguments import (
 )
 from shapefit.api.dictionary import Dictionary
 from shapefit.api.files import read_dictionary
-from shapefit.api.messages import show_progress, unnamed, warn, with_names
+from shapefit.api.messages import show_progress, unnamed_error, warn, with_names
 from shapefit.api.steps import run_to_end
 from shapefit.arrays import Floats
 from shapefit.config.commands.fit import FitConfig
@@ -197,19 +197,19 @@ def fit(
         "threads": threads,
     }
     checked = config_of("fit", FitConfig, given, FILES, config)
-    atoms = _dictionary(dictionary)
+    atoms = _internal_dictionary(dictionary)
     images = _as_images(landmarks, checked, atoms.marked(()).landmark_names)
     if weights is not None:
         images = replace(images, confidence=np.asarray(weights))
     if matrices is not None:
-        images = _with_matrices(images, matrices)
+        images = _with_camera_matrices(images, matrices)
     return _lift(images, atoms, checked, progress=progress)
 
 
 def _split_camera(
     camera: Camera | ArrayLike | None,
 ) -> tuple[Camera | None, Floats | None]:
-    """Return the section `camera` of a config, and matrices that are given, if any."""
+    """Split the argument `camera` into a section of the config and camera matrices."""
     if camera is None:
         return None, None
     given = {**camera} if isinstance(camera, Mapping) else {"focal": camera}
@@ -221,15 +221,15 @@ def _split_camera(
     return section, focal.astype(np.float64)
 
 
-def _with_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
-    """Return images with a camera matrix (3, 3) of all, or one of each (n, 3, 3)."""
+def _with_camera_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
+    """Return images with a camera matrix (3, 3) of all, or with one each (n, 3, 3)."""
     if matrices.ndim == 2:
         return images.with_file_extras({CAMERA_MATRIX: matrices})
     return images.with_extras({CAMERA_MATRIX: matrices})
 
 
-def _dictionary(given: Dictionary | File) -> model.Dictionary:
-    """Return the internal Dictionary of one that is given, or of a name or file.
+def _internal_dictionary(given: Dictionary | File) -> model.Dictionary:
+    """Return the internal form of a Dictionary, of a file or of an installed name.
 
     Raises InputError for what is none of these, and for one that no fit can use.
     """
@@ -249,10 +249,10 @@ def _dictionary(given: Dictionary | File) -> model.Dictionary:
 def _as_images(
     landmarks: Landmarks | ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return arrays as Landmarks with these names (p) of landmarks; Landmarks stay.
+    """Return an array, or Landmarks, as Landmarks that are called `names` if unnamed.
 
-    Names of their own stay too. Raises InputError for what is no array of numbers, and
-    where landmarks without names are not as many as the names.
+    Raises InputError for what is no array of numbers, and where landmarks without names
+    are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
         return _landmarks_of_array(landmarks, config, names)
@@ -268,7 +268,7 @@ def _as_images(
 def _landmarks_of_array(
     given: ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return an array as Landmarks, by `y_axis` and `image_size` of the config.
+    """Return an array (n, p, 2 or 3) or (p, 2 or 3) as Landmarks, as the config says.
 
     Those with confidences, of a skeleton or of one image are read as a detector's file
     is. Raises InputError as `_as_images`.
@@ -283,7 +283,7 @@ def _landmarks_of_array(
         raise input_error("landmarks", "is no array of numbers", fix) from None
     of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
     if of_detector and config.keypoints is None and points.shape[-2] != len(names):
-        raise unnamed("landmarks", points.shape[-2], names)
+        raise unnamed_error("landmarks", points.shape[-2], names)
     if not of_detector and config.keypoints is None:
         plain = Landmarks(points, y_axis=config.y_axis or "down")
         return with_names(plain, names).with_whole_points()
