@@ -32,8 +32,8 @@ from shapefit.pipelines.items import (
     BY_FRAME,
     BY_ITEM,
     find_truth,
-    match_keys,
-    named_items,
+    join_match_keys,
+    names_in_dataset,
     subsample,
 )
 from shapefit.records import Fit, Items, Shapes
@@ -356,10 +356,10 @@ def match_truth(
     By frame where that is chosen, or where results of other tools, which have no
     status, share no item with the truth.
     """
-    keys = match_keys([results])
-    true_keys = match_keys([truth])
+    keys = join_match_keys([results])
+    true_keys = join_match_keys([truth])
     if match not in (BY_ITEM, BY_FRAME):
-        keys = keys._replace(items=named_items(results, match, file, "match"))
+        keys = keys._replace(items=names_in_dataset(results, match, file, "match"))
     if match != BY_FRAME:
         try:
             return find_truth(file, match, keys, true_keys), False

@@ -34,8 +34,8 @@ from shapefit.pipelines.fit.family import (
     read_blocks,
 )
 from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, lift_inliers
-from shapefit.pipelines.items import named_items
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.items import names_in_dataset
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import on_threads
 
@@ -49,7 +49,7 @@ WORTH_TIMING_SECONDS = 60.0
 """Of all images by the first one, below which no more are timed."""
 
 
-def make_atom_family(config: FitConfig, match: Matched) -> AtomFamily:
+def make_atom_family(config: FitConfig, match: LandmarkMatch) -> AtomFamily:
     """Return the family with the options of a config."""
     lam = None if config.lam == "auto" else config.lam
     robust = config.outliers in ROBUST
@@ -290,7 +290,7 @@ def find_omitted(
     images: Landmarks, named: str, dictionary: Dictionary
 ) -> NDArray[np.str_]:
     """Return the item (n,) that the fit of each image does without, '' for none."""
-    items = np.array(named_items(images, named, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str)
+    items = np.array(names_in_dataset(images, named, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str)
     return np.where(np.isin(items, dictionary.atom_items or ()), items, "")
 
 

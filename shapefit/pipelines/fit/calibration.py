@@ -16,7 +16,7 @@ from shapefit.pipelines.fit.camera import (
 )
 from shapefit.pipelines.fit.choices import choose_family, place_of_names
 from shapefit.pipelines.fit.family import Calibration, Cost
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
 from shapefit.records import Landmarks
 
@@ -31,7 +31,7 @@ Calibrating = Generator[Result, None, Calibration]
 
 
 def calibrate(
-    config: FitConfig, match: Matched, images: Landmarks, total: int
+    config: FitConfig, match: LandmarkMatch, images: Landmarks, total: int
 ) -> Calibrating:
     """Settle from the first of a total of images what the config leaves open.
 

@@ -22,7 +22,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
-from shapefit.pipelines.joints import Matched, match_names
+from shapefit.pipelines.joints import LandmarkMatch, match_names
 from shapefit.timeline import frames_of
 
 MIN_SEQUENCE_FRAMES = 10
@@ -139,7 +139,7 @@ def are_long(sequences: Sequence[str] | None) -> bool:
 
 
 def choose_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None = None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None = None
 ) -> Family:
     """Return the family of the method with the options of a config.
 
@@ -161,7 +161,7 @@ def choose_family(
 
 def match_to_dictionary(
     config: FitConfig, dictionary: Dictionary, names: Sequence[str]
-) -> Matched:
+) -> LandmarkMatch:
     """Match landmarks of the files to those of a dictionary that suits the method.
 
     A table of p-values that the method needs and the dictionary lacks is drawn. Raises

@@ -42,7 +42,7 @@ from shapefit.pipelines.fit.summary import (
     describe_batch,
     summarise_fit,
 )
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import map_ahead
@@ -77,7 +77,7 @@ class FitPlan(NamedTuple):
     """A fit in which nothing is left open."""
 
     config: FitConfig
-    match: Matched
+    match: LandmarkMatch
     family: Family
     lens: CalibratedCamera | None
     calibration: Calibration
@@ -124,7 +124,9 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     yield from export_meshes(plan.config)
 
 
-def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> FitPlan:
+def plan_fit(
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration
+) -> FitPlan:
     """Return a fit in which nothing is left open, with the config that says so."""
     config = calibration.settle(config)
     family = choose_family(config, match, calibration)

@@ -37,7 +37,7 @@ from shapefit.pipelines.fit.sample import (
     MIN_SAMPLE,
     settle_by_sample,
 )
-from shapefit.pipelines.joints import MEANS, Matched
+from shapefit.pipelines.joints import MEANS, LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import thread_count
 
@@ -48,7 +48,7 @@ a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks, 1 to 32 component
 
 
 def make_posterior_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> PosteriorFamily:
     """Return the family with the options of a config and what a sample settled."""
     posterior = make_image_posterior(config, match, calibration)
@@ -66,7 +66,7 @@ def make_posterior_family(
 
 
 def make_image_posterior(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> ImagePosterior:
     """Return the ImagePosterior of a config, with what a calibration has settled.
 
@@ -102,7 +102,7 @@ def make_image_posterior(
     shown = np.array(calibration.shown, dtype=bool) if calibration.shown else None
     posterior = replace(
         posterior,
-        dictionary=match.observed(theta),
+        dictionary=match.detector_dictionary(theta),
         growth=calibration.growth,
         covariance=True,  # for the expected error, and the error bars of joints
         shown=shown,
@@ -119,7 +119,7 @@ class PosteriorFamily:
     trusted, "" for none; proof and save_covariance, what is stored.
     """
 
-    match: Matched
+    match: LandmarkMatch
     skeleton: Mapping[str, float] | None
     posterior: ImagePosterior
     method: str

@@ -67,7 +67,7 @@ def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
         extras=extras,
         file_extras=file_extras,
     )
-    if lifting.perspective is not None or plan.match.moves:
+    if lifting.perspective is not None or plan.match.has_displaced:
         fit = replace(fit, landmarks_fitted=as_rows(lifting.landmarks_fitted))
     fit = with_camera(fit, lifting, dictionary)
     fit = with_detected(fit, lifted.detected)

@@ -28,7 +28,7 @@ from shapefit.pipelines.fit.evidence import (
 )
 from shapefit.pipelines.fit.family import Calibration
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
-from shapefit.pipelines.joints import MEANS, Matched, match_names
+from shapefit.pipelines.joints import MEANS, LandmarkMatch, match_names
 from shapefit.records import Landmarks
 from shapefit.timeline import ASSUMED_RATE
 
@@ -104,7 +104,7 @@ class Verdict(NamedTuple):
 
 def settle_by_sample(
     images: Landmarks,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     method: str,
     prior: PriorConfig,
@@ -120,7 +120,7 @@ def settle_by_sample(
     sample = match.arrange(in_file, "landmarks")
 
     theta, skeleton_line = choose_skeleton(skeleton, match, sample, posterior)
-    observed = match.observed({**MEANS, **(theta or {})})
+    observed = match.detector_dictionary({**MEANS, **(theta or {})})
     shown = find_shown(sample, posterior)
     posterior = replace(posterior, dictionary=observed, shown=shown)
     if len(sample) < MIN_SAMPLE:
@@ -214,7 +214,7 @@ def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
 
 def choose_skeleton(
     given: Mapping[str, float] | None,
-    match: Matched,
+    match: LandmarkMatch,
     sample: Landmarks,
     posterior: ImagePosterior,
 ) -> tuple[dict[str, float] | None, str]:
@@ -235,7 +235,7 @@ def choose_skeleton(
 
     def evidence(theta: Mapping[str, float]) -> float:
         """Return the log evidence of some images at body proportions theta."""
-        observed = replace(posterior, dictionary=match.observed(theta))
+        observed = replace(posterior, dictionary=match.detector_dictionary(theta))
         return float(np.nansum(observed.log_evidence(few)))
 
     theta = maximise_theta(evidence, names, start)
@@ -353,7 +353,7 @@ def calibrate_bars(
 def judge_names(
     in_file: Landmarks,
     lifting: PosteriorLifting,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> Verdict:
@@ -386,7 +386,7 @@ def judge_names(
 def doubtful_as(
     name: str,
     in_file: Landmarks,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> float | None:
@@ -405,7 +405,7 @@ def doubtful_as(
     images = other.arrange(replace(in_file, landmark_names=names), name)
     if images.visible().any(axis=0).sum() < MIN_NAMED_LANDMARKS:
         return None
-    observed = other.observed({**MEANS, **(theta or {})})
+    observed = other.detector_dictionary({**MEANS, **(theta or {})})
     lifting = lift_sample(images, replace(posterior, dictionary=observed))
     return judge_shares(lifting).doubtful
 

@@ -33,7 +33,7 @@ from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, Pace
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
@@ -54,7 +54,7 @@ units.
 
 
 def make_sequence_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> SequenceFamily:
     """Return the family with the options of a config and what a sample settled."""
     of_images = make_posterior_family(config, match, calibration)

@@ -26,7 +26,7 @@ from shapefit.pipelines.result import (
     Failure,
     Numbers,
     Result,
-    nothing_in,
+    warn_of_empty,
 )
 from shapefit.records import Fit, Landmarks
 
@@ -227,7 +227,7 @@ def summarise_fit(
     calibration = plan.calibration
     warnings = [
         *calibration.warnings,
-        *nothing_in(read.images, "images"),
+        *warn_of_empty(read.images, "images"),
         *say_left_out(read.left_out, plan.config),
         *read.notes,
         *plan.match.warnings(),
