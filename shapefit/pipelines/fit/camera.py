@@ -68,7 +68,7 @@ MAX_CAMERA_PIXELS = 1e12
 
 
 class CameraChoice(NamedTuple):
-    """Values for keys of `camera` that a config leaves open, and a line about them."""
+    """The keys of `camera` that a config leaves open, chosen, and a line about them."""
 
     keys: Mapping[str, CameraKey]
     line: str
@@ -77,7 +77,7 @@ class CameraChoice(NamedTuple):
 def choose_camera(
     config: FitConfig, images: Landmarks, *, from_landmarks: bool
 ) -> CameraChoice:
-    """Choose the camera where the config leaves it open.
+    """Choose the camera of the images where the config leaves it open.
 
     A measured camera is taken as it is. Otherwise the optical axis meets the centre of
     the image, and the focal length is `ASSUMED_FOCAL` times its longer side. It is weak
@@ -171,7 +171,7 @@ def find_size(config: FitConfig, images: Landmarks) -> Size:
     return Size(np.nan, np.nan)
 
 
-def say_outside(config: FitConfig, images: Landmarks) -> str:
+def warn_of_landmarks_outside(config: FitConfig, images: Landmarks) -> str:
     """Return a warning where many landmarks lie outside the stated image, else ""."""
     size = np.array(find_size(config, images))
     if images.unit not in PIXEL_UNITS or not np.isfinite(size).all():
@@ -191,7 +191,7 @@ def say_outside(config: FitConfig, images: Landmarks) -> str:
 
 
 def find_extent(images: Landmarks) -> float:
-    """Return the median diagonal of images' landmarks; inf where none has several."""
+    """Return the median diagonal of the landmarks of an image; inf if none has two."""
     w = np.where(images.visible()[..., None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=2).sum(axis=1) > 1]
     highest = np.nanmax(w, axis=1, initial=-np.inf)

@@ -104,7 +104,7 @@ def find_method(
 
 
 def with_prior_of_people(config: FitConfig, dictionary: Dictionary) -> FitConfig:
-    """Return the config with the keys of `prior` for people, where they are open."""
+    """Return the config with values for people in the keys of `prior` that are open."""
     if config.method not in PRIOR_OF_PEOPLE:
         return config
     # Imported here, as fits by other methods do not need it.
@@ -117,7 +117,7 @@ def with_prior_of_people(config: FitConfig, dictionary: Dictionary) -> FitConfig
     return config.changed(prior={key: v for key, v in values if key not in given})
 
 
-def in_sequences(config: FitConfig) -> bool:
+def are_in_sequences(config: FitConfig) -> bool:
     """Whether the images are frames of sequences, by the first of them."""
     if STANDARD_STREAM in config.landmarks:  # which cannot be read twice
         return False
@@ -131,7 +131,10 @@ def in_sequences(config: FitConfig) -> bool:
 
 
 def are_long(sequences: Sequence[str] | None) -> bool:
-    """Whether at least half of the images are of sequences that are long enough."""
+    """Whether half of the images are in sequences of MIN_SEQUENCE_FRAMES or more.
+
+    sequences (n,), the name of that of each image.
+    """
     if not sequences:
         return False
     _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
@@ -141,7 +144,7 @@ def are_long(sequences: Sequence[str] | None) -> bool:
 def choose_family(
     config: FitConfig, match: LandmarkMatch, calibration: Calibration | None = None
 ) -> Family:
-    """Return the family of the method with the options of a config.
+    """Return the family of the config's method, with the options of the config.
 
     With a calibration nothing is left open in it.
     """
@@ -209,7 +212,7 @@ def reading_options(config: FitConfig) -> InputOptions:
     return replace(options, frames=frames_of(config.frames), every=config.every)
 
 
-def save_for_output(config: FitConfig) -> FitConfig:
+def with_angle_covariance(config: FitConfig) -> FitConfig:
     """Return the config, with `save.covariance` where the output is of joint angles.
 
     The error bar of an angle depends on several joints.

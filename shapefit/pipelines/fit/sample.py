@@ -102,7 +102,7 @@ class Verdict(NamedTuple):
     warning: str = ""
 
 
-def settle_by_sample(
+def calibrate_by_sample(
     images: Landmarks,
     match: LandmarkMatch,
     posterior: ImagePosterior,
@@ -110,9 +110,10 @@ def settle_by_sample(
     prior: PriorConfig,
     skeleton: Mapping[str, float] | None,
 ) -> Calibration:
-    """Settle what the keys of `prior` and `skeleton` leave open, and judge the file.
+    """Estimate skeleton, scales and error bars from a sample, and judge the file.
 
-    images as in the files; posterior, of the landmarks of the dictionary.
+    What the keys of `prior` and `skeleton` state stays. images as in the files;
+    posterior, of the landmarks of the dictionary.
     """
     report = read_report(prior, method)
     posterior = replace(posterior, bar_scale=report.bar_scale)
@@ -322,7 +323,7 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
 ) -> BarGrowth:
-    """Return factors on error bars by which landmarks hidden in turn lie in them.
+    """Estimate factors on error bars from the errors of landmarks hidden in turn.
 
     It is empty for too few images. bar_scale, of all covariances without the factors of
     a report, which come on top.
@@ -369,7 +370,7 @@ def judge_names(
         return Verdict()
     shares = {}
     for name in installed_skeletons():
-        doubtful = doubtful_as(name, in_file, match, posterior, theta)
+        doubtful = doubtful_share(name, in_file, match, posterior, theta)
         if doubtful is not None:
             shares[name] = doubtful
     best = min(shares, key=lambda name: shares[name], default="")
@@ -383,7 +384,7 @@ def judge_names(
     return Verdict(trust.NOT_OF_THE_CLASS, warning)
 
 
-def doubtful_as(
+def doubtful_share(
     name: str,
     in_file: Landmarks,
     match: LandmarkMatch,
@@ -460,7 +461,7 @@ def judge_shares(
     growth: Sequence[float] = (),
     shown: Flags | None = None,
 ) -> Shares:
-    """Return which shares of a sample are trusted and doubtful.
+    """Return the shares of a sample's images that are trusted, and doubtful.
 
     Covariances grow by factors (p,); shown (p,) are the landmarks whose errors count.
     """
