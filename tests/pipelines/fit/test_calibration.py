@@ -223,11 +223,11 @@ def test_a_sample_has_no_images_of_four_landmarks(planted):
 
 
 ONCE_IN_A_RUN = {
+    "calibrate_by_sample": posterior,
     "choose_camera": calibration,
     "draw_sample": sample,
     "find_joints": joints,
     "match_names": choices,
-    "calibrate_by_sample": posterior,
 }
 """Function -> the module that calls it."""
 
