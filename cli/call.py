@@ -140,7 +140,7 @@ class Call:
 
 
 def open_in_browser(page: Path) -> None:
-    """Show a page in a browser, or reword that there is none."""
+    """Show a page in a browser, or say that there is none."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):

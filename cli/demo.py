@@ -46,7 +46,7 @@ def demo(call: Call, folder: str, show: bool) -> int:
     """
     target = Path(folder).absolute()
     samples = find_samples()
-    check_only_demo_files(target, samples)
+    check_has_only_demo_files(target, samples)
     code = call.follow(lift_samples(call, samples, target), "image")
     if show:
         open_in_browser(target / PAGE)
@@ -67,7 +67,7 @@ def find_samples() -> Path:
     return samples
 
 
-def check_only_demo_files(folder: Path, samples: Path) -> None:
+def check_has_only_demo_files(folder: Path, samples: Path) -> None:
     """Raise InputError where a folder has files that no demo wrote; change nothing."""
     from shapefit.io.atomic import check_folder
 
@@ -93,7 +93,7 @@ def is_changed(path: Path, samples: Path) -> bool:
 
 
 def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
-    """Copy the samples into a folder; run `fit` and `view` on them and show both lines.
+    """Copy the samples into a folder, and show and run `fit` and `view` on them.
 
     Yields what their pipelines yield; frames of the page do not count as images.
     """

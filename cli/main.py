@@ -69,7 +69,7 @@ for command in (*COMMANDS, demo):
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run the command line `arguments`; return the exit code."""
+    """Run the command line `arguments`; return the exit code, whatever is raised."""
     try:
         code = _run(arguments)
         if sys.stdout is not None:

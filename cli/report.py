@@ -138,7 +138,7 @@ class Report:
         return self.exit_code
 
     def _advance(self, bar: tqdm, result: Result) -> None:
-        """Advance the progress bar by a result; clear it for a line that is printed."""
+        """Advance the progress bar by a result; clear it for the line of the result."""
         bar.total = self.total
         bar.unit = f" {self.unit}"
         note = "" if self.to_stdout else printable(result.note)
@@ -296,11 +296,11 @@ class Report:
         """Return the names of the written files, or the number of many in a folder."""
         folders = {path.parent for path in self.written}
         if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
-            folder = _shown(folders.pop())
+            folder = _typed_path(folders.pop())
             if len(self.written) > MAX_FILES and not self.verbose:
                 return self._name_page(folder)
             return f"{folder}/: {', '.join(path.name for path in self.written)}"
-        return ", ".join(map(_shown, self.written))
+        return ", ".join(map(_typed_path, self.written))
 
     def _name_page(self, folder: str) -> str:
         """Return the HTML page's name, and the number of the other files written."""
@@ -320,7 +320,7 @@ def _counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def _shown(path: Path) -> str:
+def _typed_path(path: Path) -> str:
     """Return the path as a user would type it: relative if in the working directory."""
     if path == Path("-"):
         return "standard output"

@@ -38,7 +38,7 @@ def get_signal() -> int | None:
 
 
 def catch_signals() -> None:
-    """Let the signals in ENDING raise Stopped, unless one is ignored, as by nohup.
+    """Let the signals in ENDING raise Stopped, but those ignored already, as by nohup.
 
     Within a callback of a weak reference, or in a library that takes it for a fault of
     its own, the exception would be lost: it is raised again where nothing unwinds.

@@ -40,7 +40,7 @@ def name_options(text: str, options: Mapping[str, str], keys: Collection[str]) -
     """Return a message with options, or `--set key=value`, in place of config keys."""
 
     def name_option(found: re.Match[str]) -> str:
-        """Return the option for a key, with its value if the text has one."""
+        """Return the option for a matched key, with its value if the text has one."""
         key, value = found.groups()
         if key in options:
             typed = PAIR.sub(r"\1x\2", value or "")

@@ -169,7 +169,7 @@ def evaluate(
 
 
 def _named_truth(estimated: Fit, true: Shapes, rename: Mapping[str, str]) -> Shapes:
-    """Return the true shapes, landmarks renamed, with items or else the images' ones.
+    """Rename landmarks of the true shapes; give shapes without items the images' ones.
 
     Raises InputError where they have no names and are not as many.
     """

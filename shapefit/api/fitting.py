@@ -229,7 +229,7 @@ def _with_camera_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
 
 
 def _internal_dictionary(given: Dictionary | File) -> model.Dictionary:
-    """Return the internal form of a Dictionary, of a file or of an installed name.
+    """Return the internal form of a Dictionary, of a file or of an installed one.
 
     Raises InputError for what is none of these, and for one that no fit can use.
     """
@@ -249,7 +249,7 @@ def _internal_dictionary(given: Dictionary | File) -> model.Dictionary:
 def _as_images(
     landmarks: Landmarks | ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return an array, or Landmarks, as Landmarks that are called `names` if unnamed.
+    """Return an array or Landmarks as Landmarks; unnamed ones are called `names` (p).
 
     Raises InputError for what is no array of numbers, and where landmarks without names
     are not as many as the names.

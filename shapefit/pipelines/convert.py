@@ -53,7 +53,7 @@ ConvertedSource = LandmarkSource | ShapeSource | ResultSource
 
 
 def convert_files(config: ConvertConfig) -> Iterator[Result]:
-    """Write what files hold in another format; yields a Result per batch."""
+    """Convert files to another format, as a config says; yields a Result per batch."""
     if config.to in MESH_FORMATS:
         yield from write_meshes(
             config.files, config.dictionary, config.output, config.to

@@ -144,7 +144,7 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
 def sum_numbers(
     descriptions: Sequence[Description], folders: Sequence[Numbers]
 ) -> Numbers:
-    """Return the number of images of all inputs, and all numbers of a lone folder."""
+    """Return the number of images of all inputs; of one folder alone, all numbers."""
     counts = [
         each.numbers.items or 0 for each in descriptions if each.kind in OF_IMAGES
     ]
@@ -360,7 +360,7 @@ def describe_dictionary(path: Path) -> tuple[list[InfoLine], FileNumbers]:
 def next_command(
     kind: str, paths: Sequence[Path], names: Sequence[str], keypoints: str | None
 ) -> str:
-    """Return the command to go on with: view, fit or learn-dict, by the kind of file.
+    """Return the next command to run on files: view, fit or learn-dict, by their kind.
 
     For landmarks of people it names the installed dictionary.
     """

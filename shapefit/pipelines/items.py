@@ -120,7 +120,7 @@ def find_truth(
 
 
 def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> Indices:
-    """Return the position in `keys` of each wanted key, -1 where it is not there."""
+    """Return the position in `keys` (n,) of each wanted key, -1 where it is absent."""
     row = {_composed(key): number for number, key in enumerate(keys)}
     return np.array([row.get(_composed(key), -1) for key in wanted], dtype=np.intp)
 

@@ -77,9 +77,11 @@ def match_names(
     return LandmarkMatch(dictionary, joints, unknown, in_place, whole, doubts)
 
 
-class Detected(NamedTuple):
-    """The landmarks of a detector in 3D: names (i,), shapes and sd (n, i, 3) in the
-    unit of the landmarks, correlation (n, i, 3) of x with y, x with z, y with z.
+class DetectorShapes(NamedTuple):
+    """The landmarks of a detector in 3D, for n images.
+
+    names (i,), shapes and standard deviations sd (n, i, 3) in the unit of the
+    landmarks, correlation (n, i, 3) of x with y, x with z, y with z.
     """
 
     names: tuple[str, ...]
@@ -120,7 +122,7 @@ class LandmarkMatch(NamedTuple):
         return arrange(named, names, place, omit=bool(self.unknown))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings: doubts about numbers, and landmarks that are left out.
+        """Return warnings about doubtful numbers of landmarks, and those left out.
 
         The few of a known skeleton that are no joints, such as eyes, are expected.
         """
@@ -148,7 +150,7 @@ class LandmarkMatch(NamedTuple):
         landmarks: Floats,
         visible: Flags,
         residual_variance: float,
-    ) -> tuple[Lifting[PosteriorEstimate], Detected | None]:
+    ) -> tuple[Lifting[PosteriorEstimate], DetectorShapes | None]:
         """Convert a lifting of landmarks to one of joints; return it and the landmarks.
 
         These are all landmarks of the files in 3D, None where they are the joints.
@@ -171,7 +173,7 @@ class LandmarkMatch(NamedTuple):
         points = combine_landmarks(
             rows, lifting.shapes, lifting.estimate.covariance, std
         )
-        detected = Detected(names, points.points.swapaxes(1, 2))
+        detected = DetectorShapes(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
             correlation = points.correlation.swapaxes(1, 2).astype(np.float32)
@@ -192,7 +194,7 @@ class Joints(NamedTuple):
 
     @property
     def names(self) -> dict[str, str]:
-        """Return landmark of the files -> joint that is in its column of the images."""
+        """Return landmark of the files -> joint of the dictionary that replaces it."""
         return {landmarks[0]: joint for joint, landmarks in self.markers.items()}
 
     @property
@@ -228,7 +230,7 @@ class Joints(NamedTuple):
         return A
 
     def deviation_of(self, landmark: str) -> float:
-        """Return the standard deviation of a landmark from where its weights put it.
+        """Return the standard deviation of a landmark from its weighted sum of joints.
 
         It is 0 where the landmark stands for a joint, and so is lifted itself.
         """

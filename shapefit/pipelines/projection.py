@@ -61,7 +61,7 @@ def project_shapes(config: ProjectConfig) -> Iterator[Result]:
         landmark_writer(config.output) as writer,
     ):
         sequences = list(chain.from_iterable(source.sequences())) or [""] * source.count
-        turns = turns_of(np.array(sequences, dtype=str))
+        turns = share_of_turn(np.array(sequences, dtype=str))
         for batch, shapes in enumerate(source.batches(IMAGES_DRAWN_AT_ONCE)):
             first = batch * IMAGES_DRAWN_AT_ONCE
             turns_of_batch = turns[first : first + len(shapes)]
@@ -77,10 +77,8 @@ def project_shapes(config: ProjectConfig) -> Iterator[Result]:
     yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
 
-def turns_of(sequences: NDArray[np.str_]) -> Floats:
-    """Return the share of a full turn (n,) of each image: t / m at frame t of m of its
-    sequence.
-    """
+def share_of_turn(sequences: NDArray[np.str_]) -> Floats:
+    """Return the share (n,) of a full turn: t / m for image t of a sequence of m."""
     _, sequence, counts = np.unique(sequences, return_inverse=True, return_counts=True)
     order = np.argsort(sequence, kind="stable")
     first = np.cumsum(counts) - counts

@@ -39,7 +39,7 @@ class Counted:
 
 
 class Note(str):
-    """Stands among the warnings for what is good to know, with nothing wrong."""
+    """A text among the warnings that is good to know, with nothing wrong."""
 
 
 class CameraNumbers(NamedTuple):

@@ -35,7 +35,7 @@ from shapefit.io.hdf5_file import Seal, read_seal
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
-from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
+from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, remove_distortion
 from shapefit.pipelines.joints import find_joints, rename_to_joints
 from shapefit.pipelines.result import Failure, Numbers, Result, unreadable_file
 from shapefit.records import Fit, Landmarks
@@ -85,7 +85,7 @@ class ResultFile(NamedTuple):
     line: PartLine | None = None
 
 
-class Checked(NamedTuple):
+class CheckedBatch(NamedTuple):
     """A batch that was checked: claims, which images are certified, largest gap."""
 
     result: Fit
@@ -278,7 +278,7 @@ def verify_file(
                 yield add_to_tally(tally, chunk)._replace(total=results.count)
 
 
-def add_to_tally(tally: VerifyTally, chunk: Checked) -> Result:
+def add_to_tally(tally: VerifyTally, chunk: CheckedBatch) -> Result:
     """Add a checked batch to the tally, and return its images and failures."""
     claims = chunk.claims
     items = chunk.result.items
@@ -502,13 +502,13 @@ def open_images(
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: Landmarks) -> Landmarks:
-            """Return images as `fit` had them: without distortion, and as joints."""
+            """Return images as `fit` lifts them: undistorted, landmarks as joints."""
             matrix = head.column(CAMERA_MATRIX)
             removed = head.column(REMOVED)
             if is_calibrated and matrix is not None and removed is not None:
                 lens = {CAMERA_MATRIX: matrix, DISTORTION: removed}
                 images = images.with_file_extras(lens)
-            images = rename_to_joints(undistorted(images, None), joints, place)
+            images = rename_to_joints(remove_distortion(images, None), joints, place)
             return arrange(images, head.landmark_names, place, omit=True)
 
         yield map(as_fitted, source.batches(IMAGES_CHECKED_AT_ONCE))
@@ -519,7 +519,7 @@ def check_chunk(
     given: Landmarks | None,
     program: CertifiedProgram,
     certified: bool,
-) -> Checked:
+) -> CheckedBatch:
     """Check the claims of a batch of results, also against landmarks where given."""
     columns = claimed_columns(result)
     has_scale = np.isfinite(columns["scale"])
@@ -535,7 +535,7 @@ def check_chunk(
             check_landmarks(columns, result, given, claims)
     is_certified = np.asarray(is_bounded & ~claims.missed)
     largest_gap = float(np.max(gaps[is_certified], initial=0.0))
-    return Checked(result, claims, is_certified, largest_gap)
+    return CheckedBatch(result, claims, is_certified, largest_gap)
 
 
 def claimed_columns(result: Fit) -> dict[str, Numeric]:

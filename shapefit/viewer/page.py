@@ -347,7 +347,7 @@ def as_json(value: object) -> object:
 
 
 def block(values: NDArray[Any], kind: str) -> EncodedArray:
-    """Return an array as base64 of numbers of a kind, such as `i2` or `f4`."""
+    """Encode an array in base64, as little-endian numbers of a kind such as `i2`."""
     data = np.ascontiguousarray(values.astype(f"<{kind}")).tobytes()
     return {
         "type": kind,
@@ -357,7 +357,7 @@ def block(values: NDArray[Any], kind: str) -> EncodedArray:
 
 
 def block_of_points(points: Floats) -> EncodedArray:
-    """Return points (n, d, p) as 16-bit integers, each set on a scale of its own.
+    """Encode points (n, d, p) as 16-bit integers, each image on a scale of its own.
 
     A point that is not finite in 32 bits is missing.
     """

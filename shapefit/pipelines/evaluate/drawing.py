@@ -15,7 +15,7 @@ from shapefit.evaluation.metrics import SHARE
 from shapefit.evaluation.page import PageFigure
 from shapefit.evaluation.report import ALIGNED, ALL, NORMALISED, Document, Quantity
 from shapefit.evaluation.units import ShownUnit
-from shapefit.pipelines.evaluate.examples import Pictured, choose_examples
+from shapefit.pipelines.evaluate.examples import MethodExamples, choose_examples
 from shapefit.pipelines.evaluate.measure import MatchedResults, MethodErrors
 from shapefit.records import Shapes
 
@@ -61,7 +61,7 @@ class Figures(NamedTuple):
 
 
 class _Shown(NamedTuple):
-    """The error that figures show, and its unit for people."""
+    """The metric and unit of the error that figures show, and the unit for people."""
 
     quantity: Quantity
     unit: ShownUnit
@@ -98,7 +98,7 @@ def draw_figures(
 
 
 def _shown_error(document: Document) -> _Shown:
-    """Return the aligned error in the unit of the truth, or the next best one.
+    """Return which error figures show: in the unit of the truth, after alignment.
 
     That is the normalised one where the truth states no unit, and the first error of
     the report where alignment was not measured.
@@ -186,7 +186,7 @@ def _means_by_sequence(
 def _draw_landmarks(
     document: Document,
     methods: Mapping[str, MethodErrors],
-    pictured: Pictured,
+    pictured: MethodExamples,
     shown: _Shown,
 ) -> Figure:
     """Draw the mean error of each landmark by each method, on a typical shape."""

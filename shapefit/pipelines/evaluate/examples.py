@@ -39,7 +39,7 @@ MIN_UP = 0.3
 """Length of the mean direction that is up in images from which on it is believed."""
 
 
-class Pictured(NamedTuple):
+class MethodExamples(NamedTuple):
     """What a report draws of one method beside its numbers.
 
     examples: a row for the best, the median and the worst images, in the unit that
@@ -59,7 +59,7 @@ def choose_examples(
     truth: Shapes,
     error: Floats,
     unit: str,
-) -> Pictured | None:
+) -> MethodExamples | None:
     """Choose the example images and the typical shape that a report draws of a method.
 
     error (n,) in `unit`, as people read it; None where no image has any.
@@ -77,13 +77,13 @@ def choose_examples(
             title = f"{word}: {short}, {_format_error(error[row])} {unit}"
             of_row.append(_make_example(matched, truth, row, title))
         examples.append(tuple(of_row))
-    return Pictured(
+    return MethodExamples(
         method, tuple(examples), _find_typical_shape(matched, truth, edges), edges
     )
 
 
 def _format_error(error: float) -> str:
-    """Return an error with three digits, and none after the point from 100 on."""
+    """Return an error as text with three digits, and as an integer from 100 on."""
     return f"{error:,.0f}" if error >= 100 else f"{error:.3g}"
 
 
@@ -112,7 +112,7 @@ def _first_and_another(ranked: Indices) -> list[int]:
 
 
 def _find_edges(matched: MatchedResults, truth: Shapes) -> Integers:
-    """Return the edges (e, 2) between the common landmarks, by their places.
+    """Return the edges (e, 2) between common landmarks, as indices of these.
 
     They are those of the truth, else of the results, else of a skeleton with such
     names.
@@ -159,11 +159,11 @@ def _make_example(
         seen,
         to_viewer @ turn @ (true - middle),
         to_viewer @ (scale * (estimate - e.mean(axis=1, keepdims=True))),
-        _turned_mesh(matched, truth, row, to_viewer @ turn, middle),
+        _turn_true_mesh(matched, truth, row, to_viewer @ turn, middle),
     )
 
 
-def _turned_mesh(
+def _turn_true_mesh(
     matched: MatchedResults, truth: Shapes, row: int, turn: Floats, middle: Floats
 ) -> Floats | None:
     """Return the true mesh of an image as triangles (f, 3, 3), turned about a point.
@@ -200,15 +200,12 @@ def _find_typical_shape(
     middle = np.nanmean(shape, axis=1, keepdims=True)
     upright = _turn_upright(matched, complete)
     turn = _turn_broad_side(upright @ (shape - middle)) @ upright
-    mesh = _turned_mesh(matched, truth, row, turn, middle)
+    mesh = _turn_true_mesh(matched, truth, row, turn, middle)
     return TypicalShape(turn @ (shape - middle), edges, mesh)
 
 
 def _find_most_usual(true: Floats, rows: Indices) -> int:
-    """Return which row of true shapes (n, 3, p) is next to the mean of those in `rows`.
-
-    They are aligned before.
-    """
+    """Return the one of `rows` whose shape (n, 3, p) is nearest to the mean of them."""
     shapes = true[rows]
     if not np.isfinite(shapes).all():
         return int(rows[0])

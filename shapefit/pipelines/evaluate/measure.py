@@ -392,7 +392,7 @@ def _common_landmarks(
 def _select_best_individual(
     sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Keep one of the individuals that share true shapes; return rows and warnings.
+    """Keep, of individuals with the same true shapes, the best; return rows, warnings.
 
     It is the one with the smallest median error; rows of its images are returned.
     """
@@ -485,7 +485,7 @@ def _warn_of_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> lis
 def _warn_of_units(
     results: Fit, truth: Shapes, estimate: Floats, true: Floats
 ) -> list[str]:
-    """Return a warning where shapes in the same unit differ in size by far, else [].
+    """Return a warning where results and truth in one unit differ far in size, else [].
 
     estimate and true (n, 3, p). Results in pixels may state how many metres these are.
     """
@@ -623,9 +623,9 @@ def _failure_reasons(
 
 
 def with_shapes_of(results: Fit, names: Sequence[str]) -> Fit:
-    """Return a fit with its joints, or its detector's landmarks if these match names.
+    """Return a fit whose shapes are its joints, or the detector's landmarks.
 
-    Those count of which more are among `names`. Where a fit lifted a detector's
+    They are those of which more are among `names`. Where a fit lifted a detector's
     landmarks with a dictionary of joints, its result has both.
     """
     if results.input_landmark_names is None or results.input_shapes is None:

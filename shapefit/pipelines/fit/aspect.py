@@ -79,7 +79,7 @@ def divide_x(images: Landmarks, factor: float) -> Landmarks:
 
 
 def log_density(images: Landmarks, posterior: ImagePosterior) -> Floats:
-    """Return the log density (n,) of each image's landmarks w, in their own unit."""
+    """Return the log density (n,) of the landmarks of each image, per square unit."""
     lifting = posterior.lift(images)
     seen = (lifting.problem.weights > 0).sum(axis=1)
     evidence = lifting.estimate.log_evidence

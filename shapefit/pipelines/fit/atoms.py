@@ -29,7 +29,7 @@ from shapefit.pipelines.fit.columns import blank_failed, with_certificate
 from shapefit.pipelines.fit.family import (
     Calibration,
     Cost,
-    Lifted,
+    LiftedImages,
     Pace,
     read_blocks,
 )
@@ -129,7 +129,7 @@ class AtomFamily:
         """Yield blocks of images, which are lifted one by one."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> Lifted:
+    def lift(self, images: Landmarks) -> LiftedImages:
         """Lift images, without the atoms of their items if `leave_one_out` is set."""
         if self.leave_one_out is None:
             lifting = self.lift_images(images)
@@ -138,7 +138,7 @@ class AtomFamily:
         omitted = None
         if self.leave_one_out is not None:
             omitted = find_omitted(images, self.leave_one_out, self.dictionary)
-        return Lifted(fail_nonfinite(lifting), omitted=omitted)
+        return LiftedImages(fail_nonfinite(lifting), omitted=omitted)
 
     def add_columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
         """Return the fit with coefficients, duality gap and certificate."""

@@ -11,7 +11,7 @@ from shapefit.errors import counted
 from shapefit.pipelines.fit.camera import (
     choose_camera,
     read_calibrated_camera,
-    undistorted,
+    remove_distortion,
     warn_of_landmarks_outside,
 )
 from shapefit.pipelines.fit.choices import choose_family, place_of_names
@@ -39,7 +39,7 @@ def calibrate(
     the Calibration. The camera is chosen first, since the family settles the rest as it
     sees them.
     """
-    images = undistorted(images, read_calibrated_camera(config))
+    images = remove_distortion(images, read_calibrated_camera(config))
     family = choose_family(config, match)
     family.check(images)
     named = match.arrange(images, place_of_names(config))

@@ -68,7 +68,7 @@ MAX_CAMERA_PIXELS = 1e12
 
 
 class CameraChoice(NamedTuple):
-    """The keys of `camera` that a config leaves open, chosen, and a line about them."""
+    """Values chosen for the open keys of `camera`, and a line about them."""
 
     keys: Mapping[str, CameraKey]
     line: str
@@ -290,7 +290,9 @@ def checked_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> F
     raise input_error(name, f"has the shape {values.shape}, or is not finite", fix)
 
 
-def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landmarks:
+def remove_distortion(
+    images: Landmarks, calibrated: CalibratedCamera | None
+) -> Landmarks:
     """Return the images with the distortion of the lens removed from their landmarks.
 
     The lens is that of `calibrated`, whose matrix and so on they then have as datasets;

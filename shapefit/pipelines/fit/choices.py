@@ -183,7 +183,7 @@ def match_to_dictionary(
 
 
 def place_of_names(config: FitConfig) -> str:
-    """Return the place of the landmark names as messages name it: the files."""
+    """Return the text by which error messages name where landmark names come from."""
     return ", ".join(map(str, config.landmarks)) + ": landmark names"
 
 

@@ -21,7 +21,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSource
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.joints import Detected
+from shapefit.pipelines.joints import DetectorShapes
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import thread_count
 
@@ -40,7 +40,7 @@ CameraKey = float | str | tuple[float, float]
 
 
 class Calibration(NamedTuple):
-    """What a sample of the images settles of a fit, for all of its parts.
+    """Values of a fit that were estimated from a sample, for all of its parts.
 
     It is small enough for a manifest. camera, keys of that section of the config; lines
     about what was settled, the
@@ -69,7 +69,7 @@ class Calibration(NamedTuple):
         return config.changed(**self.config_values(config))
 
     def config_values(self, config: FitConfig) -> dict[str, Any]:
-        """Return key -> calibrated value, as `changed` of the config takes them."""
+        """Return key of the config -> calibrated value, for `FitConfig.changed`."""
         keys: dict[str, Any] = {"camera": dict(self.camera)}
         if not METHODS[config.method].needs_prior:
             return keys
@@ -83,7 +83,7 @@ class Calibration(NamedTuple):
         return {**keys, "prior": prior, "skeleton": skeleton}
 
 
-class Lifted(NamedTuple):
+class LiftedImages(NamedTuple):
     """A batch of n images, lifted to shapes of the dictionary's landmarks.
 
     detected, the landmarks of the files in 3D, where these are not those of the
@@ -91,7 +91,7 @@ class Lifted(NamedTuple):
     """
 
     lifting: Lifting[Any]
-    detected: Detected | None = None
+    detected: DetectorShapes | None = None
     omitted: NDArray[np.str_] | None = None
 
 
@@ -115,7 +115,7 @@ class Family(Protocol):
         ...
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Predict the seconds per image, and how many are lifted, for a total."""
+        """Predict seconds per image, and how many liftings `total` images take."""
         ...
 
     def calibrate(self, sample: Landmarks) -> Calibration:
@@ -129,7 +129,7 @@ class Family(Protocol):
         """
         ...
 
-    def lift(self, images: Landmarks) -> Lifted:
+    def lift(self, images: Landmarks) -> LiftedImages:
         """Lift images, which have the landmarks of the dictionary, to 3D shapes."""
         ...
 
@@ -164,7 +164,7 @@ class Pace:
 
 
 def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-    """Yield batches of images, each of one file and of whole blocks, at a pace."""
+    """Yield batches of images, each of one file and whole blocks, sized by the pace."""
     for batch in source.batches(round_to_blocks(pace.max_images), by_file=True):
         start = 0
         while start < len(batch):

@@ -22,7 +22,7 @@ from shapefit.io.inputs import State
 from shapefit.io.layout import INPUT_ROWS
 from shapefit.io.options import OutputOptions, RecordWriter
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
-from shapefit.pipelines.fit.camera import read_calibrated_camera, undistorted
+from shapefit.pipelines.fit.camera import read_calibrated_camera, remove_distortion
 from shapefit.pipelines.fit.choices import (
     are_in_sequences,
     choose_family,
@@ -74,7 +74,7 @@ WHOLE_FIT = FitPart()
 
 
 class FitPlan(NamedTuple):
-    """All that lifts a batch: a config that leaves nothing open, and what it names."""
+    """All that lifting a batch takes: a config without open keys, and what it names."""
 
     config: FitConfig
     match: LandmarkMatch
@@ -157,7 +157,7 @@ def lift_all(
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
     """Lift a batch of images of the files; return its record and what is reported."""
     # each line is a stage with tests of its own
-    straight = undistorted(images, plan.lens)
+    straight = remove_distortion(images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
     lifted = plan.family.lift(named)
     record = to_record(named, lifted, plan)

@@ -162,7 +162,7 @@ def find_at_border(
     dictionary: Dictionary,
     image_size: tuple[float, float] | None = None,
 ) -> Flags:
-    """Find landmarks (n, p) at the side of the image where a bone's other end is, too.
+    """Flag landmarks (n, p) that lie, with a bone's other end, at a side of the image.
 
     At a side is within 1% of the size, and bones are the edges of the dictionary: there
     a detector leaves what it does not see. image_size: width and height of all images,

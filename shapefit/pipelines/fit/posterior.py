@@ -25,7 +25,7 @@ from shapefit.pipelines.fit.evidence import FACTORS
 from shapefit.pipelines.fit.family import (
     Calibration,
     Cost,
-    Lifted,
+    LiftedImages,
     Pace,
     read_blocks,
 )
@@ -170,14 +170,14 @@ class PosteriorFamily:
         """Yield blocks of images, which are lifted one by one."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> Lifted:
+    def lift(self, images: Landmarks) -> LiftedImages:
         """Lift landmarks of the files, and convert them to the dictionary's joints."""
         lifting = self.posterior.lift_with_p_values(images)
         return self.convert_to_joints(lifting, images)
 
     def convert_to_joints(
         self, lifting: Lifting[PosteriorEstimate], images: Landmarks
-    ) -> Lifted:
+    ) -> LiftedImages:
         """Convert a lifting of detected landmarks to one of the dictionary's joints."""
         lifting = fail_nonfinite(lifting)
         if self.dictionary.depth_ambiguity:
@@ -188,10 +188,10 @@ class PosteriorFamily:
         joints, detected = self.match.to_joints(
             lifting, theta, images.as_columns(), visible, self.posterior.variance
         )
-        return Lifted(joints, detected)
+        return LiftedImages(joints, detected)
 
     def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add error bars in its unit, and which images to trust, to a fit."""
+        """Add to a fit error bars in its unit, and which images are trusted."""
         estimate = lifting.estimate
         scaled = estimate.in_unit(lifting.scale[:, None, None])
         fit = replace(

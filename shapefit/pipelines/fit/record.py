@@ -21,8 +21,8 @@ from shapefit.io.layout import FOCAL_ASSUMED, METRES_FROM, free_names
 from shapefit.lifting.estimate import AtomEstimate, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.columns import as_rows, blank_failed
-from shapefit.pipelines.fit.family import Calibration, Lifted
-from shapefit.pipelines.joints import Detected
+from shapefit.pipelines.fit.family import Calibration, LiftedImages
+from shapefit.pipelines.joints import DetectorShapes
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import Array, columns_of
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from shapefit.pipelines.fit.fit import FitPlan
 
 
-def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
+def to_record(images: Landmarks, lifted: LiftedImages, plan: FitPlan) -> Fit:
     """Return the record of a lifted batch, with the extras of its images."""
     lifting = lifted.lifting
     estimate = lifting.estimate
@@ -112,7 +112,7 @@ def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) ->
     )
 
 
-def with_detected(fit: Fit, detected: Detected | None) -> Fit:
+def with_detected(fit: Fit, detected: DetectorShapes | None) -> Fit:
     """Add a detector's landmarks in 3D to a fit, if they are not the joints."""
     if detected is None:
         return fit
@@ -154,7 +154,7 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str]:
 def provenance(
     plan: FitPlan, inputs: Mapping[str, str]
 ) -> dict[str, str | float | int]:
-    """Return the attributes of a result: method, version, config and what was settled.
+    """Return the attributes of a result: method, version, config and calibration.
 
     `inputs` are the digests of the files of the fit.
     """

@@ -110,7 +110,7 @@ def calibrate_by_sample(
     prior: PriorConfig,
     skeleton: Mapping[str, float] | None,
 ) -> Calibration:
-    """Estimate skeleton, scales and error bars from a sample, and judge the file.
+    """Estimate skeleton, scales and error bars by a sample, and if to trust the file.
 
     What the keys of `prior` and `skeleton` state stays. images as in the files;
     posterior, of the landmarks of the dictionary.

@@ -30,7 +30,7 @@ from shapefit.lifting.sequences.clips import (
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, Pace
+from shapefit.pipelines.fit.family import Calibration, Cost, LiftedImages, Pace
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.joints import LandmarkMatch
@@ -96,7 +96,7 @@ class SequenceFamily:
         """Yield batches as large as the pace allows, in which sequences are whole."""
         return whole_sequences(source.batches(pace.max_images))
 
-    def lift(self, images: Landmarks) -> Lifted:
+    def lift(self, images: Landmarks) -> LiftedImages:
         """Lift images, left and right put back, and refine whole sequences of them."""
         posterior = replace(self.of_images.posterior, modes=CONSTANTS.modes)
         visible = posterior.weigh(images) > 0
@@ -121,7 +121,7 @@ class SequenceFamily:
     def refine(
         self, lifting: Lifting[PosteriorEstimate], images: Landmarks
     ) -> Lifting[PosteriorEstimate]:
-        """Refine liftings of single images to those of whole sequences in motion.
+        """Refine liftings of single images by the motion of whole sequences.
 
         People whose hips the files do not show keep the shapes of their single images.
         """
@@ -154,7 +154,7 @@ class SequenceFamily:
 def restore_sides(
     images: Landmarks, visible: Flags, dictionary: Dictionary, rate: float | None
 ) -> tuple[Landmarks, Floats]:
-    """Undo exchanges of left and right that last some frames, by continuity.
+    """Undo exchanges of left and right landmarks in some frames, by continuity.
 
     visible (n, p), which landmarks count; rate, frames a second, if it is known.
     Returns with the images 1 (n,) where they are put back, else 0, and nan where sides
@@ -210,7 +210,7 @@ def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
 
 
 def place_frames(images: Landmarks, rate: float) -> Floats:
-    """Return the places (n,) of images in their sequences, in frames."""
+    """Return the position (n,) of each image in its sequence, counted in frames."""
     places = np.empty(len(images))
     for clip in split_into_clips(images.sequences or ()):
         frames = None if images.frames is None else images.frames[clip]

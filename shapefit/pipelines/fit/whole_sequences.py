@@ -28,7 +28,7 @@ def whole_sequences(batches: Iterable[Landmarks]) -> Iterator[Landmarks]:
 
 
 def find_last_sequence(images: Landmarks, first: int, begun: set[str]) -> int:
-    """Return where the last sequence begins of those that begin from `first` on, or 0.
+    """Return the row where the last sequence begins, at or after `first`, else 0.
 
     Images before that row have been checked; names of sequences that begin are added to
     those that have begun. Raises InputError as `whole_sequences`.

@@ -46,7 +46,7 @@ def check_not_flat(shapes: Shapes, place: str) -> None:
 
 
 def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
-    """Return warnings of shapes that most mirror, and of landmarks that coincide."""
+    """Return warnings about mirrored shapes, and landmarks that always coincide."""
     warnings = []
     points = shapes.as_columns()
     mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items

@@ -337,11 +337,10 @@ def mirror_image(dictionary: Dictionary) -> Dictionary:
 def evidence_of_mirror(
     images: Landmarks, dictionary: Dictionary
 ) -> tuple[float, float]:
-    """Return the mean log evidence for the mirror image in depth, and its error.
+    """Return the mean log evidence for the mirror image, and its standard error.
 
-    The evidence of an image by perspective, of the mirror image over the class itself;
-    the error is the standard one. Cameras see the mirror image of a class as they see
-    the class in mirrored images.
+    The evidence of an image by perspective, of the mirror image over the class itself.
+    Cameras see the mirror image of a class as they see the class in mirrored images.
     """
     sample = images.take(evenly(len(images), COMPARED_IMAGES))
     middle = intrinsics_of(sample)[1][:, :1]
@@ -375,7 +374,7 @@ def error_of_hidden(images: Landmarks, dictionary: Dictionary) -> float:
 def lift_images(
     images: Landmarks, dictionary: Dictionary, *, perspective: bool = False
 ) -> PosteriorLifting:
-    """Lift images one by one with what was learned so far.
+    """Lift images one by one with a dictionary and its prior.
 
     By weak perspective, or as the cameras of the file see them.
     """

@@ -50,7 +50,7 @@ class Part(NamedTuple):
         return None if self.rows is None else slice(*self.rows)
 
     def line(self, status: PartStatus, **outcome: Any) -> PartLine:
-        """Return the line of the part in the manifest."""
+        """Return the line of the part in the manifest, with its status and outcome."""
         return PartLine(
             file=self.file,
             inputs=tuple(map(path_text, self.inputs)),

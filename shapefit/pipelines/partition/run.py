@@ -435,7 +435,7 @@ def uses_other_processes(folder: ResultFolder) -> bool:
 def run_jobs(
     jobs: deque[Job], folder: ResultFolder
 ) -> Generator[EndedPart, None, None]:
-    """Run jobs here, in processes or on a cluster; yield each as it ends.
+    """Run jobs here, in processes or on a cluster; yield line and result of each.
 
     The folder says where. Where a process dies, the parts that were under way are done
     again, each alone in a new one.

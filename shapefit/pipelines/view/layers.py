@@ -210,7 +210,7 @@ def _space_of(content: Content) -> _Space:
 def _result_layer(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Layer:
-    """Return the layer of a result, its shapes S at X = factor (S - start) + end."""
+    """Return the layer of a result, its shapes S moved to factor (S - start) + end."""
     values = content.values
     shapes = content.points
     n = len(shapes)

@@ -131,7 +131,7 @@ def _read_upright(path: Path, unreadable: list[str]) -> Image | None:
 
 
 def find_photographs(folder: Path, items: Sequence[str]) -> dict[int, Path]:
-    """Return frame -> file of those that have a photograph.
+    """Return frame -> file of its photograph, for the frames that have one.
 
     A file is called by the item, or by what follows its last slash; or else the files
     are the frames of a video, in the order of the numbers in their names, from 0.
@@ -158,7 +158,7 @@ def find_photographs(folder: Path, items: Sequence[str]) -> dict[int, Path]:
 def _files_by_name(
     folder: Path, files: Sequence[Path], items: Sequence[str]
 ) -> dict[int, Path]:
-    """Return frame -> file that is called as the item of the frame."""
+    """Return frame -> file whose name is the item of the frame."""
     by_name: dict[str, Path] = {}
     for path in files:
         by_name[str(path.relative_to(folder).with_suffix(""))] = path
@@ -173,7 +173,7 @@ def _files_by_name(
 
 
 def _files_by_number(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
-    """Return frame -> file, by the place in the video in which its item ends."""
+    """Return frame -> file, by the number at the end of its item, from 0."""
     numbered = [(last_number(path.stem), path) for path in files]
     video = [path for number, path in sorted(numbered) if number >= 0]
     places = {frame: last_number(item) for frame, item in enumerate(items)}

@@ -231,10 +231,10 @@ def _read_every(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
 
 
 def _with_true_landmarks(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
-    """Return a fit with those of its landmarks that the truth names; others stay.
+    """Return a fit with its joints, or its detector's landmarks if the truth has these.
 
-    It has its joints, or its detector's landmarks, and where each was observed; those
-    of a detector are observed where a joint stands for them.
+    Other records stay. It has, too, where each landmark was observed; those of a
+    detector are observed where a joint stands for them.
     """
     if not isinstance(records, Fit):
         return records

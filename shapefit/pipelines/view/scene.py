@@ -280,7 +280,7 @@ def _describe_ground(floors: Mapping[str, Floor]) -> str:
 def find_recordings(
     contents: Sequence[Content], frames: Frames
 ) -> tuple[list[list[int]], Integers]:
-    """Return the sequences that were seen at once, and the time (n,) of each frame.
+    """Group sequences that were seen at once; return them and the time (n,) of frames.
 
     The individuals of a video are its sequences, `video/individual`; or each is a file
     of shapes. Numbers of frames say what was seen at once, and what is missing. Others
@@ -433,7 +433,7 @@ def _assumed_focal(result: Content) -> float | None:
 
 
 def _assumptions(result: Content) -> Iterator[str]:
-    """Yield sentences on what the metres of a result assume, and what sets it.
+    """Yield sentences on what the metres of a result rest on, and on how to set it.
 
     Heights can be stated of people alone.
     """
