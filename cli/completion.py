@@ -50,7 +50,7 @@ class Bash(BashComplete):
         return args, joined
 
     def format_completion(self, item: CompletionItem) -> str:
-        """Return a completion as the script reads it: its kind, and its last part."""
+        """Return a completion as `kind,text` for the script in bash."""
         return f"{item.type},{item.value.removeprefix(self.before)}"
 
 

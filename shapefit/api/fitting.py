@@ -228,22 +228,24 @@ def _with_camera_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
     return images.with_extras({CAMERA_MATRIX: matrices})
 
 
-def _internal_dictionary(given: Dictionary | File) -> model.Dictionary:
+def _internal_dictionary(dictionary: Dictionary | File) -> model.Dictionary:
     """Return the internal form of a Dictionary, of a file or of an installed one.
 
     Raises InputError for what is none of these, and for one that no fit can use.
     """
-    if not isinstance(given, Dictionary | str | PathLike):
-        shape = f" {np.shape(given)}" if np.shape(given) else ""
-        fault = f"is no dictionary, but {type(given).__name__}{shape}"
+    if not isinstance(dictionary, Dictionary | str | PathLike):
+        shape = f" {np.shape(dictionary)}" if np.shape(dictionary) else ""
+        fault = f"is no dictionary, but {type(dictionary).__name__}{shape}"
         fix = (
             "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k,"
             " p, 3)"
         )
         raise input_error("dictionary", fault, fix)
-    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
-    check_given_dictionary(atoms, "dictionary")
-    return atoms
+    if not isinstance(dictionary, Dictionary):
+        dictionary = read_dictionary(dictionary)
+    internal = dictionary.model()
+    check_given_dictionary(internal, "dictionary")
+    return internal
 
 
 def _as_images(
@@ -266,18 +268,18 @@ def _as_images(
 
 
 def _landmarks_of_array(
-    given: ArrayLike, config: FitConfig, names: Sequence[str]
+    array: ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
     """Return an array (n, p, 2 or 3) or (p, 2 or 3) as Landmarks, as the config says.
 
     Those with confidences, of a skeleton or of one image are read as a detector's file
     is. Raises InputError as `_as_images`.
     """
-    if isinstance(given, str | PathLike):
-        fix = f"read it: shapefit.read_landmarks({str(given)!r}, track='nearest')"
+    if isinstance(array, str | PathLike):
+        fix = f"read it: shapefit.read_landmarks({str(array)!r}, track='nearest')"
         raise input_error("landmarks", "is the name of a file", fix)
     try:
-        points = np.asarray(given, np.float64)
+        points = np.asarray(array, np.float64)
     except (TypeError, ValueError):
         fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
         raise input_error("landmarks", "is no array of numbers", fix) from None

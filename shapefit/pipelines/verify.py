@@ -516,11 +516,11 @@ def open_images(
 
 def check_chunk(
     result: Fit,
-    given: Landmarks | None,
+    images: Landmarks | None,
     program: CertifiedProgram,
     certified: bool,
 ) -> CheckedBatch:
-    """Check the claims of a batch of results, also against landmarks where given."""
+    """Check the claims of a batch of results, also against its images if given."""
     columns = claimed_columns(result)
     has_scale = np.isfinite(columns["scale"])
     claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
@@ -531,8 +531,8 @@ def check_chunk(
         if certified:
             is_bounded = certificate.check_certificate(columns, program, claims)
             gaps = certificate.stated_gap(columns, program)
-        if given is not None:
-            check_landmarks(columns, result, given, claims)
+        if images is not None:
+            check_landmarks(columns, result, images, claims)
     is_certified = np.asarray(is_bounded & ~claims.missed)
     largest_gap = float(np.max(gaps[is_certified], initial=0.0))
     return CheckedBatch(result, claims, is_certified, largest_gap)
@@ -548,26 +548,26 @@ def claimed_columns(result: Fit) -> dict[str, Numeric]:
 
 
 def check_landmarks(
-    columns: Mapping[str, Numeric], result: Fit, given: Landmarks, claims: Claims
+    columns: Mapping[str, Numeric], result: Fit, images: Landmarks, claims: Claims
 ) -> None:
     """Check that results have the landmarks, confidences and items of a file.
 
     Images for which that is false get a reason in `claims`.
     """
     everyone = np.ones_like(claims.fitted)
-    visible = given.visible()
-    in_file = np.where(visible[:, None], given.as_columns(), np.nan)
+    visible = images.visible()
+    in_file = np.where(visible[:, None], images.as_columns(), np.nan)
     stated = columns["landmarks"]
     both_hidden = np.isnan(stated) & np.isnan(in_file)
     off = np.where(both_hidden, 0.0, np.abs(stated - in_file))
     allowed = 0.0
-    if given.column(REMOVED) is not None:
+    if images.column(REMOVED) is not None:
         allowed = UNDISTORTED_WITHIN * np.nanmax(np.abs(in_file), initial=1.0)
     claims.near("landmarks are those of the file", off, allowed, where=everyone)
-    confidence = given.weights() if given.confidence is None else given.confidence
+    confidence = images.weights() if images.confidence is None else images.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible
     claims.hold("confidences are those of the file", same, where=everyone)
-    same = np.array(result.items, object) == np.array(given.items, object)
+    same = np.array(result.items, object) == np.array(images.items, object)
     claims.hold("items are those of the file", same, where=everyone)
 
 

@@ -55,7 +55,7 @@ def as_detected(images, skeleton, theta=MEANS):
     landmarks = np.full((len(images), len(skeleton.landmark_names), 2), np.nan)
     names = list(joints.parts)
     rows = [skeleton.landmark_names.index(name) for name in names]
-    landmarks[:, rows] = joints.rows(names, theta) @ images.landmarks
+    landmarks[:, rows] = joints.weights(names, theta) @ images.landmarks
     return Landmarks(
         landmarks, landmark_names=skeleton.landmark_names, items=images.items
     )

@@ -453,7 +453,7 @@ def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
 
 
 def _warn_of_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
-    """Return a warning where shapes fit a mirrored truth much better, else [].
+    """Return a warning where a mirrored truth or swapped sides fit far better, else [].
 
     Or one with the names of left and right exchanged. Shapes are (n, 3, p).
     """

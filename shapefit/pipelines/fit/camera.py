@@ -112,24 +112,24 @@ def weak_perspective(why: str) -> CameraChoice:
     return CameraChoice({"focal": "none"}, f"weak perspective{why}")
 
 
-def stated_camera(given: CameraConfig, size: Size) -> CameraChoice:
+def stated_camera(camera: CameraConfig, size: Size) -> CameraChoice:
     """Return the camera of a focal length that the config states.
 
     Raises InputError where the principal point is not known, and for impossible values.
     """
-    centre = given.principal_point or (size.width / 2, size.height / 2)
+    centre = camera.principal_point or (size.width / 2, size.height / 2)
     if np.isnan(centre).any():
         fix = (
             "give the size of the images, --image-size WxH, or `camera.principal_point`"
         )
         raise input_error("camera.focal", "the principal point is not known", fix)
-    check_intrinsics("camera.focal", np.array(given.focal), np.array(centre))
+    check_intrinsics("camera.focal", np.array(camera.focal), np.array(centre))
     at = ", ".join(f"{x:g}" for x in centre)
-    line = f"focal length {given.focal:.5g} px, principal point {at}"
+    line = f"focal length {camera.focal:.5g} px, principal point {at}"
     return CameraChoice({"principal_point": centre}, line)
 
 
-def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraChoice:
+def assume_camera(camera: CameraConfig, size: Size, images: Landmarks) -> CameraChoice:
     """Return a camera with the usual focal length, or weak perspective and why."""
     if images.unit not in PIXEL_UNITS:
         return weak_perspective(f": landmarks are in {images.unit}, not in pixels")
@@ -143,7 +143,7 @@ def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraC
         return weak_perspective(": the landmarks cover little of the image")
     keys: dict[str, CameraKey] = {
         "focal": focal,
-        "principal_point": given.principal_point or (size.width / 2, size.height / 2),
+        "principal_point": camera.principal_point or (size.width / 2, size.height / 2),
         "focal_sd": pinhole.ASSUMED_FOCAL_SD,
     }
     line = (

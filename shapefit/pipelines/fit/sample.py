@@ -122,7 +122,7 @@ def calibrate_by_sample(
 
     theta, skeleton_line = choose_skeleton(skeleton, match, sample, posterior)
     observed = match.detector_dictionary({**MEANS, **(theta or {})})
-    shown = find_shown(sample, posterior)
+    shown = find_shown_landmarks(sample, posterior)
     posterior = replace(posterior, dictionary=observed, shown=shown)
     if len(sample) < MIN_SAMPLE:
         sample = sample.take(slice(0))
@@ -214,20 +214,21 @@ def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
 
 
 def choose_skeleton(
-    given: Mapping[str, float] | None,
+    skeleton: Mapping[str, float] | None,
     match: LandmarkMatch,
     sample: Landmarks,
     posterior: ImagePosterior,
 ) -> tuple[dict[str, float] | None, str]:
     """Return the body proportions of a detector, by name, and a line about them.
 
-    Each is as given, else of the greatest evidence, else usual, where the sample is
-    empty. The line is "" where none is estimated. Where no landmark of the detector
-    stands for a joint of the dictionary, they are those given, or None.
+    Each is as `skeleton` states it, else of the greatest evidence, else usual, where
+    the sample is empty. The line is "" where none is estimated. Where no landmark of
+    the detector stands for a joint of the dictionary, they are those of `skeleton`, or
+    None.
     """
     if not match.joints.markers:
-        return None if given is None else dict(given), ""
-    stated = dict(given or {})
+        return None if skeleton is None else dict(skeleton), ""
+    stated = dict(skeleton or {})
     start = {**MEANS, **stated}
     names = [name for name in match.joints.parameters if name not in stated]
     if not names or not len(sample):
@@ -244,7 +245,7 @@ def choose_skeleton(
     return theta, f"skeleton of the detector: {factors}"
 
 
-def find_shown(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
+def find_shown_landmarks(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
     """Return which landmarks (p,) most images of a sample show, None where none is.
 
     What few images show is guessed in the others, and what depends on other landmarks

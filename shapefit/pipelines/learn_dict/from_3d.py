@@ -91,17 +91,17 @@ class TrainingShapes(NamedTuple):
 
 
 def learn_from_shapes(
-    given: Shapes, config: LearnDictConfig, inputs: Mapping[str, str]
+    shapes: Shapes, config: LearnDictConfig, inputs: Mapping[str, str]
 ) -> Learning:
     """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
 
     The first result lists the shapes that cannot be used. Raises InputError where the
     shapes do not serve what the config asks for.
     """
-    check_not_flat(given, place_of(config) or "shapes")
-    training = prepare_training_shapes(given, config)
+    check_not_flat(shapes, place_of(config) or "shapes")
+    training = prepare_training_shapes(shapes, config)
     number = counted(len(training.original), "shape")
-    doubts = warn_of_shapes(split_usable(given)[0])
+    doubts = warn_of_shapes(split_usable(shapes)[0])
     yield Result(failures=training.failures, warnings=doubts, note=number)
     if config.method == "sparse-coding":
         made = yield from learn_by_sparse_coding(training, config)
@@ -121,13 +121,15 @@ def learn_from_shapes(
     return replace(made, prior=prior, provenance=provenance)
 
 
-def prepare_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShapes:
+def prepare_training_shapes(
+    all_shapes: Shapes, config: LearnDictConfig
+) -> TrainingShapes:
     """Take every n-th shape of each sequence, mirror them too, normalise, and align.
 
-    The motion and the rigidity of edges are those of all the shapes given. Raises
+    The motion and the rigidity of edges are those of `all_shapes`. Raises
     InputError for wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
     """
-    usable, failures = split_usable(given)
+    usable, failures = split_usable(all_shapes)
     sequences = usable.sequences or ("",) * len(usable)
     shapes = usable.take(every_nth(sequences, config.every))
     partners = find_partners(shapes, config) if config.mirror else None
