@@ -23,7 +23,7 @@ TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 Config = TypeVar("Config", bound="CommandConfig")
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class Call:
     """A command that was called, and the options that all commands have.
 

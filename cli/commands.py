@@ -488,9 +488,9 @@ def config(command: str, section: str, as_json: bool) -> int:
     import shutil
 
     from shapefit.config import CONFIGS
-    from shapefit.config.reference import rows
+    from shapefit.config.reference import describe_keys
 
-    table = rows(CONFIGS[command], section)
+    table = describe_keys(CONFIGS[command], section)
     if as_json:
         keys = [row._asdict() for row in table]
         click.echo(json.dumps({"command": "config", "keys": keys}, ensure_ascii=False))

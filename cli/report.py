@@ -73,7 +73,7 @@ def has_columns() -> bool:
         return False
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Report:
     """The sum of a pipeline's results; memory does not grow with the number of items.
 

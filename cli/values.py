@@ -112,9 +112,9 @@ def key_path(parameter: str) -> tuple[str, ...]:
 def complete_keys(ctx: click.Context, _key: str) -> Iterable[str]:
     """Return `key=` for each config key of the command, as completions of --set."""
     from shapefit.config import CONFIGS
-    from shapefit.config.reference import rows
+    from shapefit.config.reference import describe_keys
 
-    return [f"{row.name}=" for row in rows(CONFIGS[str(ctx.info_name)])]
+    return [f"{row.name}=" for row in describe_keys(CONFIGS[str(ctx.info_name)])]
 
 
 def complete_setting(ctx: click.Context, key: str) -> Iterable[str]:

@@ -30,15 +30,15 @@ def median(values: Numbers) -> float:
 
 
 def finite_median(values: Numbers, default: float = float("nan")) -> float:
-    """Median of the finite ones among numbers (n,), the default where there is none."""
+    """Return the median of the finite numbers of `values` (n,), else the default."""
     finite = values[np.isfinite(values)]
     return median(finite) if len(finite) else default
 
 
-def runs(is_new: Flags, count: int) -> list[slice]:
-    """Return the slices of `count` rows that stand together, [] for no row.
+def split_runs(is_new: Flags, count: int) -> list[slice]:
+    """Split `count` rows into slices, which begin where `is_new` (count - 1,) is true.
 
-    is_new (count - 1,): whether a row, from the second on, begins another run.
+    is_new: whether a row, from the second on, begins another slice. [] for no row.
     """
     if not count:
         return []

@@ -31,7 +31,7 @@ def input_error(place: str | PathLike[str], fault: str, fix: str) -> InputError:
 
 
 def parse_json(text: object) -> dict[str, Any]:
-    """Return the object of a JSON text, nested 1,000 deep at most; else ValueError."""
+    """Parse a JSON object, nested 1,000 deep at most; ValueError for any other text."""
     import orjson
 
     value = orjson.loads(str(text))
@@ -69,7 +69,7 @@ def printable(text: object) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return `1 atom`, `2 atoms`; for nouns whose plural ends in s."""
+    """Return a number with its noun, as `1 atom` or `2 atoms`; the plural ends in s."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
@@ -80,7 +80,7 @@ def abbreviate(names: Sequence[str], max_count: int = 5) -> str:
 
 
 def _escape(letter: str) -> str:
-    """Return a letter that is not printable as an escape of Python."""
+    """Return the escape sequence of Python for a letter that is not printable."""
     if (
         "\udc80" <= letter <= "\udcff"
     ):  # a byte that is not UTF-8, as Python names files

@@ -22,7 +22,7 @@ LEVELS = {"debug": 10, "trace": TRACE}
 
 
 def is_heard(name: str, level: int = LEVELS["debug"]) -> bool:
-    """Whether somebody asks for the messages of a logger."""
+    """Whether messages of this level to the logger `shapefit.<name>` are written."""
     logging = sys.modules.get("logging")
     if logging is None:
         return False
@@ -41,7 +41,7 @@ def trace(name: str, text: str, *values: object) -> None:
 
 
 def say(name: str, level: int, text: str, *values: object) -> None:
-    """Log a text at a level, if somebody asks for it."""
+    """Log a text with values in the places of its %s, if its level is written."""
     if is_heard(name, level):
         import logging
 
@@ -49,7 +49,7 @@ def say(name: str, level: int, text: str, *values: object) -> None:
 
 
 def follow_environment() -> None:
-    """Write messages to standard error, if the environment asks for them."""
+    """Write messages to standard error at the level that SHAPEFIT_LOG names, if any."""
     level = LEVELS.get(os.environ.get(ENVIRONMENT_KEY, "").lower())
     if level is None:
         return

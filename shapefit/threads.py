@@ -31,7 +31,7 @@ _stop_flag = _StopFlag()
 
 @contextmanager
 def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads.
+    """Yield a pool of threads, whose work an exception ends.
 
     An exception that leaves the block, such as that of a signal, ends the kernels that
     run there; those of a pool within a pool end with the outer one.
@@ -46,7 +46,7 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
     stop = np.zeros(1, bool) if outer is None else outer
 
     def begin() -> None:
-        """Let a new thread leave signals to the first, and obey the flag `stop`."""
+        """Make a new thread leave signals to the first, and stop at the flag `stop`."""
         if hasattr(signal, "pthread_sigmask"):
             # The first thread waits here, and only it wakes for a signal.
             signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
@@ -64,14 +64,14 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def thread_count(threads: int) -> int:
-    """Return how many threads work: `threads`, or with 0 one for each processor."""
+    """Return the number of threads: `threads`, or with 0 one for each processor."""
     return threads or os.cpu_count() or 1
 
 
 def on_threads(
     work: Callable[[Item], Outcome], items: Iterable[Item], threads: int
 ) -> list[Outcome]:
-    """Return work(item) of each item, in their order, computed on threads.
+    """Return the list of work(item) of all items, in their order, computed on threads.
 
     `threads` = 0 means one per core. Work gains from threads where it waits for a disk,
     or releases the GIL.

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers, runs
+from shapefit.arrays import Floats, Integers, split_runs
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -34,7 +34,7 @@ tremble, and times are rounded.
 def place_in_time(
     frames: NDArray[np.integer] | None, times: Floats | None, rate: float, count: int
 ) -> Floats:
-    """Return the places (t,) of `count` images of a sequence in time, in frames from 0.
+    """Return the times (t,) of `count` images of a sequence, in frames since the first.
 
     frames (t,) rise; without them one image follows the other. times (t,) in seconds,
     nan where they are not stated, count where they contradict the frames.
@@ -83,7 +83,7 @@ def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float
     return count / seconds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Timeline:
     """The images of one sequence: position (t,) in frames, which rises, and their rate
     in Hz.
@@ -94,7 +94,7 @@ class Timeline:
 
     @classmethod
     def of_frames(cls, count: int, rate: float = ASSUMED_RATE) -> Timeline:
-        """Return the timeline of so many frames, none of them missing."""
+        """Return the timeline of `count` frames in a row, none of them missing."""
         return cls(np.arange(count, dtype=np.float64), rate)
 
     def __len__(self) -> int:
@@ -109,7 +109,7 @@ class Timeline:
     def stretches(self) -> list[slice]:
         """Slices of images, cut where frames are missing for over `MAX_GAP_SECONDS`."""
         longest = 1.0 + max(MAX_GAP_SECONDS * self.rate, JITTER)
-        return runs(self.steps > longest, len(self))
+        return split_runs(self.steps > longest, len(self))
 
     def second_differences(self) -> Floats:
         """Return weights (t, 3) of the second difference that begins at each image.
@@ -146,8 +146,8 @@ class Timeline:
         return np.concatenate([[0], np.cumsum(steps)])[: len(self)].astype(np.int64)
 
 
-def frames_of(text: str | None) -> tuple[int | None, int | None]:
-    """Return the ends of a range of frames, such as 100:400; one without is open.
+def parse_frame_range(text: str | None) -> tuple[int | None, int | None]:
+    """Parse a range of frames, such as "100:400", into first and stop; None if open.
 
     Raises ValueError for other texts, and for a range without frames.
     """

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from benchmarks.lower_bounds import best_combination, nearest_atom
 from benchmarks.optimality import sections
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.geometry.rotations import random_rotations
 
 NAN = np.nan
@@ -100,7 +100,7 @@ def test_the_nearest_atom_is_the_one_that_the_shape_was_made_from(atoms, rng):
     shown = atoms[[2, 0, 3, 2]]
     noise = 0.01 * rng.standard_normal((4, 3, 9))
     shapes = 5 * random_rotations(4, rng) @ (shown + noise) + 7
-    expected = similarity(shown, shapes)
+    expected = similarity_error(shown, shapes)
     assert_allclose(nearest_atom(shapes, atoms), expected, rtol=1e-12)
 
 
@@ -113,4 +113,4 @@ def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(
     shapes = turned + rng.standard_normal((6, 3, 1))
     best = best_combination(shapes, atoms)
     assert_allclose(best, 3 * mixed, atol=1e-3)
-    assert_allclose(similarity(best, shapes), 0, atol=1e-3)
+    assert_allclose(similarity_error(best, shapes), 0, atol=1e-3)

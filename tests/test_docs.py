@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from shapefit.cli.main import run
 
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.io import read_results, read_shapes
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -117,7 +117,7 @@ def test_your_animal(folder, capsys):
     run_page("docs/your-animal.md", capsys)
     result = read_results(folder / "dog.h5")
     truth = read_shapes([folder / "sample_data/animal_truth.h5"])
-    error = 1000 * similarity(result.as_columns(), truth.as_columns()).mean()
+    error = 1000 * similarity_error(result.as_columns(), truth.as_columns()).mean()
     text = (PROJECT / "docs/your-animal.md").read_text(encoding="utf-8")
     (stated,) = re.findall(r"an error of (\d+) mm", text)
     assert error == pytest.approx(float(stated), abs=0.5)

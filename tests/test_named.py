@@ -17,7 +17,7 @@ from shapefit.cli.main import commands
 
 import shapefit
 from shapefit.config import CONFIGS
-from shapefit.config.reference import rows
+from shapefit.config.reference import describe_keys
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -240,7 +240,9 @@ def absent_options(text: Text) -> Iterator[str]:
             yield option
 
 
-KEYS = {row.name for model in CONFIGS.values() for row in rows(model)} | {"data"}
+KEYS = {row.name for model in CONFIGS.values() for row in describe_keys(model)} | {
+    "data"
+}
 SECTIONS = {key.partition(".")[0] for key in KEYS if "." in key}
 ASSIGNED = re.compile(r"^([a-z_]+(?:\.[a-z_]+)*)(?:=|: )(?=\S)")
 DOTTED = re.compile(rf"^(?:{'|'.join(sorted(SECTIONS))})\.[a-z_]+$")

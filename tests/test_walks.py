@@ -13,7 +13,7 @@ import scipy.io
 from numpy.testing import assert_allclose
 
 import shapefit
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from tests.cli.conftest import run_in
 
 
@@ -136,7 +136,7 @@ def test_shapes_of_a_researcher_are_judged_as_fits_are(arrays, folder):
     rows = [truth.items.index(item) for item in items]
     true = truth.shapes[rows][:, visible]
     report = shapefit.evaluate(shapes, true, ["similarity"])
-    expected = similarity(np.moveaxis(shapes, 1, 2), np.moveaxis(true, 1, 2))
+    expected = similarity_error(np.moveaxis(shapes, 1, 2), np.moveaxis(true, 1, 2))
     assert_allclose(report.errors["similarity", "unknown"], expected)
 
 

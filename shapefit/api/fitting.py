@@ -198,7 +198,7 @@ def fit(
     }
     checked = config_of("fit", FitConfig, given, FILES, config)
     atoms = _internal_dictionary(dictionary)
-    images = _as_images(landmarks, checked, atoms.marked(()).landmark_names)
+    images = _as_images(landmarks, checked, atoms.drop_unmarked(()).landmark_names)
     if weights is not None:
         images = replace(images, confidence=np.asarray(weights))
     if matrices is not None:

@@ -17,7 +17,7 @@ from shapefit.errors import input_error, listed
 from shapefit.io.formats import result_writer
 from shapefit.io.skeletons import edges_of
 from shapefit.records import Fit
-from shapefit.records.columns import held_columns
+from shapefit.records.columns import present_columns
 from shapefit.records.page import Page
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def as_html(fit: Fit) -> str:
     rows = "".join(
         f"<tr><td><code>{column.field}</code></td><td>{np.shape(values)}</td>"
         f"<td>{escape(column.unit)}</td></tr>"
-        for column, values in held_columns(fit)
+        for column, values in present_columns(fit)
     )
     head = "<tr><th>field</th><th>shape</th><th>unit</th></tr>"
     table = f"<table>{head}{rows}</table>"

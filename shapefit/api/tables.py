@@ -14,7 +14,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions, warnings_of
 from shapefit.io.writers.tables import metres_columns
 from shapefit.records import Fit
-from shapefit.records.columns import Array, Singles, held_columns
+from shapefit.records.columns import Array, Singles, present_columns
 from shapefit.timeline import JITTER
 
 MAX_HEIGHT = 3.0
@@ -126,7 +126,7 @@ def to_xarray(fit: Fit) -> xarray.Dataset:
 
     fit = fit.named()
     variables: dict[str, tuple[tuple[str, ...], Array]] = {}
-    for column, values in held_columns(fit):
+    for column, values in present_columns(fit):
         # correlations have three numbers, and none of them is along an axis of space
         if column.axes not in DIMENSIONS or column.kind == Singles:
             continue

@@ -188,9 +188,9 @@ def _child_of(section: object, key: str | int) -> object:
 def read_yaml(
     text: str, name: str, places: Places | None = None, folder: Path = Path()
 ) -> object:
-    """Return the values of a YAML 1.2 text in a folder.
+    """Parse a YAML 1.2 text, whose paths are relative to `folder`, to plain values.
 
-    `places` gets the line and column of each. Keys and dates are texts. Raises
+    `places` gets the line and column of each value. Keys and dates are texts. Raises
     InputError, which names the text, and the line and column if there are places, for
     what is not YAML, for a key that stands twice, and for tags but those of the core
     schema.
@@ -249,7 +249,7 @@ class _NodeReader:
         return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
 
     def read(self, node: Node, location: Location) -> object:
-        """Return the value of a node; `location` is the path of keys that leads to it.
+        """Return the plain value of a YAML node, found at `location`, a path of keys.
 
         Raises InputError for tags and repeated keys, ValueError for too many values.
         """
@@ -326,7 +326,7 @@ def _list_problems(
     values: Mapping[str, object],
     places: Places,
 ) -> list[str]:
-    """Return what is wrong with a config, each thing once."""
+    """Return the messages that say what is wrong with a config, each once."""
     problems = error.errors()
     # a list with wrong items is itself no problem
     outer = {problem["loc"][:-1] for problem in problems if problem["loc"]}
@@ -372,7 +372,7 @@ def _describe_problem(
 
 
 def _describe_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
-    """Return a fault: no key is at a location, with the nearest or all that are."""
+    """Say that no key is at a location, and name the nearest or all of the section."""
     siblings = [path for path in keys if path[:-1] == location[:-1]]
     choices = {path[-1]: ".".join(path) for path in [*keys, *siblings]}
     hint = _suggest_nearest(str(location[-1]), choices)

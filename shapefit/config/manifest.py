@@ -40,7 +40,7 @@ def part_name(number: int) -> str:
 
 
 def part_number(file: str) -> int:
-    """Return the number of a part by the name of its file."""
+    """Return the number of a part from the name of its file."""
     return int(file.removeprefix("part-").removesuffix(".h5"))
 
 
@@ -101,7 +101,7 @@ class PartLine(ManifestLine):
 
     @model_validator(mode="after")
     def _check_whole(self) -> Self:
-        """Refuse a line that lacks what a part with its status has."""
+        """Raise ValueError where a line lacks what a part with its status has."""
         needed = {"images", "failed", "bytes"} if self.status == DONE else {"error"}
         missing = sorted(needed - self.model_fields_set)
         if missing:
@@ -129,9 +129,9 @@ def read_lines(folder: Path) -> tuple[RunLine, list[PartLine]] | None:
     try:
         lines = path.read_bytes().split(b"\n")[:-1]
     except OSError as error:
-        raise not_a_manifest(path, str(error.strerror)) from error
+        raise manifest_error(path, str(error.strerror)) from error
     if not lines:
-        raise not_a_manifest(path, "it has no line")
+        raise manifest_error(path, "it has no line")
     run = _read_line(RunLine, lines[0], f"{path}:1")
     parts = [
         _read_line(PartLine, line, f"{path}:{number}")
@@ -141,18 +141,18 @@ def read_lines(folder: Path) -> tuple[RunLine, list[PartLine]] | None:
 
 
 def _read_line(kind: type[AnyLine], text: bytes, place: str) -> AnyLine:
-    """Read a line as its model does. Raises InputError at `place`."""
+    """Parse a line by the model `kind`; else raise InputError at `place`."""
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, problem["loc"]))
         reason = f"{where}: {problem['msg']}" if where else problem["msg"]
-        raise not_a_manifest(place, printable(reason)) from None
+        raise manifest_error(place, printable(reason)) from None
 
 
-def not_a_manifest(place: str | Path, reason: str) -> InputError:
-    """Return the error for a file of the name of a manifest that is something else."""
+def manifest_error(place: str | Path, reason: str) -> InputError:
+    """Make the error that a file with the name of a manifest is none, for a reason."""
     fix = f"name another folder, or remove {MANIFEST} and fit with --replace"
     return input_error(place, f"is not a manifest of results ({reason:.300})", fix)
 

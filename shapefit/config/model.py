@@ -64,7 +64,7 @@ class ConfigModel(BaseModel):
 
 
 def section(model: type[ConfigModel]) -> Any:
-    """Return the field of a section with its defaults, which need no validation."""
+    """Return the field of a section, whose default is its model with all defaults."""
     return Field(default_factory=model.model_construct)
 
 

@@ -87,14 +87,14 @@ def find_presets(command: str) -> dict[str, Path]:
 
 
 def find_installed(folder: str) -> Path:
-    """Return a folder of the package, or of the clone that it runs in."""
+    """Return the path of a folder in the package, or in the clone that it runs in."""
     package = DICTIONARIES.parent
     inside = package / folder
     return inside if inside.is_dir() else package.parent / folder
 
 
 def fill_in(value: object, data: str) -> object:
-    """Return a value of YAML with `{data}` in all its texts replaced by the folder."""
+    """Replace `{data}` by the folder `data` in all texts of a value from YAML."""
     if isinstance(value, list | tuple):
         return [fill_in(item, data) for item in value]
     if isinstance(value, dict):

@@ -31,8 +31,8 @@ class KeyInWords(NamedTuple):
     meaning: str
 
 
-def rows(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
-    """Return a row for each key of a model but `data`, or of one section of it.
+def describe_keys(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
+    """Describe in words each key of a model except `data`, or of one section of it.
 
     Raises InputError where there is no such section.
     """
@@ -67,7 +67,7 @@ def _default(key: ConfigKey) -> str:
 
 
 def expects(key: ConfigKey) -> str:
-    """Return the values of a key in words, such as `a whole number >= 1`."""
+    """Say which values a key accepts, such as `a whole number >= 1`."""
     if key.section is not None:
         names = [path[0] for path in list_config_keys(key.section)]
         return f"a mapping with the keys {', '.join(names)}"
@@ -77,7 +77,7 @@ def expects(key: ConfigKey) -> str:
 
 
 def _phrase(annotation: object, metadata: Sequence[object] = ()) -> str:
-    """Return a type and its bounds in words, such as `a whole number >= 1`."""
+    """Describe a type and its bounds in words, such as `a whole number >= 1`."""
     words = _words(annotation)
     if AUTO_TEXT in metadata:
         words.append(AUTO_TEXT)
@@ -118,7 +118,7 @@ def words_of(key: ConfigKey) -> list[str]:
 
 
 def _literals(kind: object) -> list[str]:
-    """Return the texts that a type names, each type of a union."""
+    """Return the texts that a type, or a type of a union, allows as literals."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     if get_origin(kind) in (Union, UnionType, Annotated):
@@ -136,7 +136,7 @@ def meaning(key: ConfigKey) -> str:
 
 @cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the texts below the fields of a model and of its bases, by field.
+    """Return the docstrings of the fields of a model and of its bases, by field.
 
     pydantic's `use_attribute_docstrings` reads the same, at every start: 30 ms for
     `fit`.

@@ -45,7 +45,7 @@ class ProblemArrays(TypedDict):
     lam: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """The convex program of n images, one for each.
 
@@ -102,7 +102,7 @@ class Problem:
             raise ValueError("beta must be > 0")
 
     def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
-        """Return the problem of some of the images."""
+        """Return the problem of the images that indices or a mask select."""
         noise = None
         if self.noise is not None:
             noise = self.noise[images]
@@ -137,7 +137,7 @@ class Problem:
 
     @property
     def max_dual_entry(self) -> float:
-        """Return the bound on |Y|, entry by entry, that the loss sets the dual Y.
+        """Return the largest absolute entry that the loss allows in the dual Y.
 
         beta for sparse errors, 1 for the absolute loss, and inf for others.
         """

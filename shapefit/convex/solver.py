@@ -35,7 +35,7 @@ class Status(Enum):
 
 
 def decode_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
-    """Return the statuses of the codes (n,) of kernels: 0 is the first above."""
+    """Return the `Status` of each code (n,) of a C++ kernel, its index in `Status`."""
     return tuple(map(tuple(Status).__getitem__, codes.tolist()))
 
 
@@ -169,7 +169,7 @@ def solve_directly(
         gap[residual > tolerance] = np.nan
     if problem.loss is Loss.SQUARED:
         errors = np.broadcast_to(0.0, dual.shape)
-    transforms = Transforms.gathered(first, count, atom, blocks, k)
+    transforms = Transforms.gather(first, count, atom, blocks, k)
     status = decode_statuses(codes)
     return Solution(
         transforms, translation, dual, errors, objective, gap, residual, steps, status
@@ -182,7 +182,7 @@ def solve_in_span(
     solve: Callable[[Problem], Solution],
     threads: int,
 ) -> Solution:
-    """Solve images reduced to the span (p, r) of the atoms, and certify what is found.
+    """Solve images reduced to the span (p, r) of the atoms, and certify the solutions.
 
     The part of the landmarks that the atoms do not span joins the objective, never the
     gap's numerator: a reduction that is solved to the tolerance solves the problem to
@@ -200,7 +200,7 @@ def solve_in_span(
         statuses.extend(solution.status)
         steps_of_parts.append(solution.iterations)
     in_order = np.argsort(np.concatenate(rows))
-    transforms = Transforms.joined(transforms_of_parts).take(in_order)
+    transforms = Transforms.concatenate(transforms_of_parts).take(in_order)
     status = np.array(statuses)[in_order]
     steps = np.concatenate(steps_of_parts)[in_order]
     translation = np.zeros((n, 2))
@@ -234,7 +234,7 @@ def solve_in_span(
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Return the outliers (n, p) that a robust loss found; None for other losses.
+    """Return which landmarks (n, p) a robust loss found to be outliers, else None.
 
     Landmarks whose weighted residual is beyond beta in a coordinate; for the
     sparse-error loss, those with an error E that is not 0.

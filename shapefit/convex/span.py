@@ -56,22 +56,24 @@ class Reduced(NamedTuple):
     basis: Floats | None
 
     def expand(self, dual: Floats, original: Problem) -> Floats:
-        """Return the dual (m, 2, p) of the original problem from that of this one.
+        """Return the dual (m, 2, p) of the original from the reduced one (m, 2, r + 1).
 
-        dual (m, 2, r + 1); original: the problem of all images.
+        original: the problem of all images.
         """
         if self.basis is None:
             return dual
-        w = weighted(original.landmarks[self.rows], original.weights[self.rows])
+        w = centre_and_weight(
+            original.landmarks[self.rows], original.weights[self.rows]
+        )
         expanded: Floats = w + (dual - w @ self.basis) @ self.basis.T
         return expanded
 
 
 def find_span(problem: Problem) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the span of all atoms, or None.
+    """Return an orthonormal basis (p, r) of the span of all atoms; None if of no use.
 
-    None where it saves no time, for few landmarks or many atoms, and for any loss but
-    the squared one, which alone can be reduced.
+    It saves no time for few landmarks or many atoms, and any loss but the squared one
+    cannot be reduced.
     """
     p = problem.landmarks.shape[2]
     if problem.loss is not Loss.SQUARED:
@@ -82,9 +84,9 @@ def find_span(problem: Problem) -> Floats | None:
 
 
 def find_row_space(rows: Floats, max_dimension: int) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the span of rows (m, p).
+    """Return an orthonormal basis (p, r) of the span of rows (m, p); None if too large.
 
-    None where its dimension is above `max_dimension`. Of many rows of a low rank,
+    That is where r would be above `max_dimension`. Of many rows of a low rank,
     random mixtures span the same (Halko, Martinsson and Tropp, SIAM Review 2011), which
     the rows themselves then prove.
     """
@@ -108,7 +110,7 @@ def find_row_space(rows: Floats, max_dimension: int) -> Floats | None:
 
 
 def orthonormalise(rows: Floats) -> Floats:
-    """Return an orthonormal basis (p, r) of rows (m, p), in the order of the rows.
+    """Return an orthonormal basis (p, r) of the span of rows (m, p), in their order.
 
     A row whose distance from the span of those before it is rounding adds nothing.
     """
@@ -119,7 +121,7 @@ def orthonormalise(rows: Floats) -> Floats:
 
 
 def are_independent(rows: Floats) -> bool:
-    """Whether the rows (m, p) are linearly independent, rounding left aside."""
+    """Whether the rows (m, p) are linearly independent up to rounding."""
     products = rows @ rows.T
     try:
         pivots = np.linalg.cholesky(products).diagonal() ** 2
@@ -129,9 +131,10 @@ def are_independent(rows: Floats) -> bool:
 
 
 def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
-    """Yield the images in parts, those of equal weights reduced to the atoms' span.
+    """Yield the problem in parts of images, reduced to the span (p, r) of the atoms.
 
-    span (p, r). A part of many different weights is as it was, its basis None. How a
+    A part has equal weights. One of many different weights is not reduced, its basis
+    None. How a
     block of images is divided does not depend on the others, so that no result depends
     on how images are batched; blocks of one set of weights stay together, for threads
     to share.
@@ -140,10 +143,10 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(span, np.frombuffer(key)))
 
     def reduce_part(rows: NDArray[np.intp]) -> Reduced:
-        """Return the images `rows`, all of the weights of the first, reduced."""
+        """Return the reduced problem of the images `rows`, whose weights are equal."""
         weights = problem.weights[rows]
         basis = basis_of(weights[0].tobytes())
-        w = weighted(problem.landmarks[rows], weights)
+        w = centre_and_weight(problem.landmarks[rows], weights)
         ones = np.ones((len(rows), basis.shape[1]))
         atoms = reduce_atoms(problem.atoms, weights[0], basis)
         reduced = Problem(w @ basis, ones, atoms, problem.lam[rows])
@@ -169,7 +172,7 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
 
 
 def distinct_rows(x: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the distinct rows of x (n, p), and which of them each row (n,) is."""
+    """Return the distinct rows of x (n, p), and for each row (n,) its index in them."""
     if (x == x[0]).all():  # np.unique takes longer than all else
         return x[:1], np.zeros(len(x), np.intp)
     rows, row_of = np.unique(x, axis=0, return_inverse=True)
@@ -209,8 +212,8 @@ def reduce_atoms(atoms: Floats, weights: Floats, basis: Floats) -> Floats:
     return reduced.reshape(k, 3, -1)
 
 
-def weighted(points: Floats, weights: Floats) -> Floats:
-    """Return points (m, d, p), centred and multiplied by their weights omega (m, p).
+def centre_and_weight(points: Floats, weights: Floats) -> Floats:
+    """Centre points (m, d, p), and multiply them by their weights omega (m, p).
 
     omega o (points - mean), the mean being weighted by omega^2.
     """

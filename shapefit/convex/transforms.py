@@ -25,7 +25,7 @@ class TransformArrays(TypedDict):
     blocks: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Transforms:
     """The transforms M (n, k, 2, 3) of n images, as a list of blocks that are not 0.
 
@@ -40,27 +40,27 @@ class Transforms:
 
     @classmethod
     def of(cls, M: Floats) -> Transforms:
-        """Make the list of the blocks of M (n, k, 2, 3) that are not 0."""
+        """Make the transforms of an array M (n, k, 2, 3): the blocks that are not 0."""
         image, atom = np.nonzero(M.any(axis=(2, 3)))
         count = np.bincount(image, minlength=len(M))
         return cls(count, atom, M[image, atom], M.shape[1])
 
     @classmethod
     def with_one_rotation(cls, c: Floats, R: Floats) -> Transforms:
-        """Return the transforms M_i = c_i Rbar of c (n, k) and R (n, 3, 3)."""
+        """Make M_i = c_i Rbar from coefficients c (n, k) and rotations R (n, 3, 3)."""
         image, atom = np.nonzero(c)
         count = np.bincount(image, minlength=len(c))
         blocks = c[image, atom, None, None] * R[image, :2]
         return cls(count, atom, blocks, c.shape[1])
 
     @classmethod
-    def gathered(
+    def gather(
         cls, first: Integers, count: Integers, atom: Integers, blocks: Floats, k: int
     ) -> Transforms:
-        """Return the transforms of images whose blocks lie anywhere in a list.
+        """Make the transforms of n images from a list of atoms and blocks in any order.
 
-        Those of an image are `count` (n,) from the place `first` (n,) on. Lists that
-        stand in this order already are not copied.
+        The blocks of image i are `count[i]` from `first[i]` on. A list that is in the
+        order of the images is not copied.
         """
         shift = first - starts_of(count)
         total = count.sum()
@@ -70,8 +70,8 @@ class Transforms:
         return cls(count, atom[place], blocks.take(place, axis=0), k)
 
     @classmethod
-    def joined(cls, parts: Sequence[Transforms]) -> Transforms:
-        """Put the images of all parts one after another; they have the same atoms."""
+    def concatenate(cls, parts: Sequence[Transforms]) -> Transforms:
+        """Concatenate the transforms of several sets of images, for the same atoms."""
         count = np.concatenate([part.count for part in parts])
         atom = np.concatenate([part.atom for part in parts])
         blocks = np.concatenate([part.blocks for part in parts])
@@ -79,7 +79,7 @@ class Transforms:
 
     @property
     def image(self) -> NDArray[np.intp]:
-        """Return the number of the image (a,) of each block."""
+        """Return the index (a,) of the image of each block."""
         return np.repeat(np.arange(len(self.count)), self.count)
 
     @property
@@ -95,24 +95,24 @@ class Transforms:
     def take(
         self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]
     ) -> Transforms:
-        """Return the transforms of some of the images, in the order given."""
+        """Return the transforms of the images that indices or a mask select."""
         first = starts_of(self.count)[images]
         count = self.count[images]
-        return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
+        return Transforms.gather(first, count, self.atom, self.blocks, self.k)
 
     def scatter(self, values: Floats) -> Floats:
-        """Return values (a, ...) at their images and atoms, else 0: (n, k, ...)."""
+        """Put a value (a, ...) for each block into an array (n, k, ...), else 0."""
         full = np.zeros((len(self.count), self.k, *values.shape[1:]))
         full[self.image, self.atom] = values
         return full
 
     def dense(self) -> Floats:
-        """Return M (n, k, 2, 3)."""
+        """Return all transforms M (n, k, 2, 3), those that are 0 included."""
         return self.scatter(self.blocks)
 
 
 def starts_of(count: Integers) -> Integers:
-    """Return where lists of these lengths (n,) start, put one after another."""
+    """Return where each list starts (n,) if lists of `count` (n,) are concatenated."""
     return np.cumsum(count) - count
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers, runs
+from shapefit.arrays import Flags, Floats, Integers, split_runs
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
 from shapefit.timeline import ASSUMED_RATE, Timeline
@@ -95,7 +95,7 @@ def weigh_differences(
     is_other = names[1:] != names[:-1]
     is_back = np.diff(numbers) <= 0
     weights = np.zeros((n, 3))
-    for rows in runs(is_other | is_back, n):
+    for rows in split_runs(is_other | is_back, n):
         position = np.asarray(numbers[rows], np.float64)
         weights[rows] = Timeline(position, rate).second_differences()
     return weights
@@ -118,10 +118,10 @@ def find_bone_tolerance(
 def find_lengths(
     shapes: Floats, edges: Integers, sequences: Sequence[str]
 ) -> tuple[Floats, Floats, Integers]:
-    """Return the lengths (n, e) of edges, their means (s, e), and sequences (n,).
+    """Return edge lengths (n, e), means by sequence (s, e), and sequence indices (n,).
 
-    The means are those of the s sequences, sorted by name; the last array has the place
-    among them of the sequence of each shape.
+    The s sequences are sorted by name; the last array has the index among them of the
+    sequence of each shape.
     """
     i, j = edges.T
     lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1)
@@ -211,9 +211,9 @@ def has_lengths(dictionary: Dictionary) -> bool:
 
 
 def name_joints(names: Sequence[str]) -> list[str | None]:
-    """Return the joint of a limb that each name stands for, such as "knee", else None.
+    """Return the joint of a limb that each landmark is, such as "knee", else None.
 
-    In small letters, without its side.
+    names: of landmarks. Joints are in small letters, without their side.
     """
     matches = [JOINT.fullmatch(name) for name in names]
     return [None if match is None else match[1].lower() for match in matches]
@@ -258,7 +258,7 @@ class BoneTree(NamedTuple):
 
 
 def find_bone_tree(edges: Integers, points: int) -> BoneTree:
-    """Return the tree that edges (e, 2) of so many points form, and its limbs.
+    """Return the tree that edges (e, 2) of `points` landmarks form, and its limbs.
 
     The root is the landmark with the most edges. Raises ValueError where they do not
     form one tree.
@@ -299,12 +299,13 @@ def vary(
     exchange: float,
     partners: Integers | None = None,
 ) -> Floats:
-    """Return copies (copies n, 3, p) of aligned shapes (n, 3, p), varied at random.
+    """Copy aligned shapes (n, 3, p) with limbs exchanged and bones stretched at random.
 
-    exchange: share of the shapes each of whose limbs comes from another shape, drawn at
-    random, bone by bone as it lies there. bone_scale: standard deviation of the
-    logarithm of the length of a bone; landmarks and their partners (p,) stretch alike.
-    The shapes are no longer normalised. Equal shapes give equal copies.
+    Returns (copies n, 3, p). exchange: share of the shapes each of whose limbs comes
+    from another shape, drawn at random, bone by bone as it lies there. bone_scale:
+    standard deviation of the logarithm of the length of a bone; landmarks and their
+    partners (p,) stretch alike. The shapes are no longer normalised. Equal shapes give
+    equal copies.
     """
     rng = np.random.default_rng(0)
     n, _, p = shapes.shape

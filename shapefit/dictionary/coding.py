@@ -36,8 +36,8 @@ def sparse_code(
     core/base/active_set.hpp. Warns (RuntimeWarning) where a shape does not stop. Raises
     ValueError for a start of another shape or below 0.
     """
-    X = flat(shapes)
-    B = flat(atoms)
+    X = flatten_shapes(shapes)
+    B = flatten_shapes(atoms)
     if start is None:
         C = np.zeros((len(X), len(B)))
     else:
@@ -66,17 +66,17 @@ def sparse_code(
 def objectives(
     shapes: Floats, atoms: Floats, beta: float, coefficients: Floats
 ) -> Floats:
-    """Return the objective (n,) of the coding of each shape.
+    """Return the objective (n,) of the sparse code (n, k) of each shape.
 
     1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji.
     """
-    left = flat(shapes) - coefficients @ flat(atoms)
+    left = flatten_shapes(shapes) - coefficients @ flatten_shapes(atoms)
     squares = np.einsum("nd,nd->n", left, left)
     values: Floats = 0.5 * squares + beta * coefficients.sum(axis=1)
     return values
 
 
-def flat(shapes: Floats) -> Floats:
-    """Return shapes (n, 3, p) as rows (n, 3p): a view where memory allows it."""
+def flatten_shapes(shapes: Floats) -> Floats:
+    """Flatten shapes (n, 3, p) to rows (n, 3p): a view where memory allows it."""
     in_order = np.ascontiguousarray(shapes, dtype=np.float64)
     return in_order.reshape(len(shapes), prod(shapes.shape[1:]))

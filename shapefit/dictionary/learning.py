@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.coding import flat, objectives, sparse_code
+from shapefit.dictionary.coding import flatten_shapes, objectives, sparse_code
 from shapefit.geometry.normalisation import std
 
 MAX_ATOM_NORM = 1.0
@@ -65,17 +65,17 @@ def learn_atoms(
     chosen = shapes[np.linspace(0, n - 1, k).round().astype(np.intp)]
 
     def total(B: Floats, C: Floats) -> float:
-        """Return the objective, summed over the shapes."""
+        """Return the objective of atoms B and coefficients C over all shapes."""
         return float(objectives(shapes, B, beta, C).sum())
 
     def recode(B: Floats, C: Floats | None) -> tuple[float, Floats, Floats]:
-        """Return objective, atoms and coefficients after the coding step."""
+        """Replace dead atoms and code; return objective, atoms and coefficients."""
         if C is not None:
             B = replace_dead_atoms(shapes, C, B)
         C = sparse_code(shapes, B, beta, start=C)
         return total(B, C), B, C
 
-    objective, B, C = recode(scaled_to_norm_one(chosen), None)
+    objective, B, C = recode(scale_to_norm_one(chosen), None)
     trace = [objective]
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B)
@@ -107,8 +107,8 @@ def update_atoms(
     that no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
     """
     A = coefficients.T @ coefficients
-    D = coefficients.T @ flat(shapes)
-    B = np.array(flat(atoms))
+    D = coefficients.T @ flatten_shapes(shapes)
+    B = np.array(flatten_shapes(atoms))
     used = np.flatnonzero(A.diagonal() > 0)
     for _ in range(sweeps):
         for i in used:
@@ -132,13 +132,13 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
     residual = shapes - np.tensordot(coefficients, atoms, axes=1)
     for i in dead:
         worst = np.linalg.norm(residual, axis=(1, 2)).argmax()
-        B[i] = scaled_to_norm_one(shapes[worst])
+        B[i] = scale_to_norm_one(shapes[worst])
         part = np.maximum(np.tensordot(residual, B[i], axes=2), 0.0)
         residual -= part[:, None, None] * B[i]
     return B
 
 
-def scaled_to_norm_one(shapes: Floats) -> Floats:
+def scale_to_norm_one(shapes: Floats) -> Floats:
     """Return shapes (..., 3, p), none of them 0, scaled to the norm 1 of an atom."""
     norm = np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
     bounded: Floats = shapes * (MAX_ATOM_NORM / norm)
@@ -146,7 +146,7 @@ def scaled_to_norm_one(shapes: Floats) -> Floats:
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
-    """Return the scale (k,) of each atom: the size of the shapes that use it.
+    """Return the factors (k,) from atoms to the mean size of the shapes that use them.
 
     (sum_j C_ji s_j / sum_j C_ji) / std(B_i). A learned atom has no size: grown to the
     standard deviation 1 of a normalised shape it is as large as the training shapes are

@@ -35,7 +35,7 @@ MIN_SHAPE_SHARE = 1e-15
 """Of a shape in a component, below which it adds nothing to the covariance; most do."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mixture:
     """A mixture of Gaussians over shapes x: p(x) = sum_k pi_k N(x; mu_k, C_k).
 
@@ -52,7 +52,7 @@ class Mixture:
 
     @property
     def by_landmark(self) -> Floats:
-        """Return the covariances by landmark (K, p, 3, p, 3)."""
+        """Return the covariances with an axis for landmarks: (K, p, 3, p, 3)."""
         k, _, p = self.means.shape
         return self.covariances.reshape(k, 3, p, 3, p).transpose(0, 2, 1, 4, 3)
 
@@ -66,7 +66,7 @@ class Mixture:
         return cls(weights, means, C)
 
     def marginal(self, landmarks: Integers) -> Mixture:
-        """Return the mixture over some of the landmarks, in this order."""
+        """Return the marginal over the landmarks with these indices, in their order."""
         means = np.take(self.means, landmarks, axis=2)
         rows = np.take(self.by_landmark, landmarks, axis=1)
         C = np.take(rows, landmarks, axis=3)
@@ -81,13 +81,13 @@ class Mixture:
         density = np.empty((x.shape[1], len(self)))
 
         def fill(k: int) -> None:
-            """Compute the column of component k."""
+            """Fill in the log densities of component k."""
             L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
             centre = whiten @ self.means[k].ravel()
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             log_weight = np.log(self.weights[k])
-            for part in parts(x.shape[1]):
+            for part in split_shapes(x.shape[1]):
                 z = whiten @ x[:, part]
                 z -= centre[:, None]
                 np.square(z, out=z)
@@ -98,7 +98,7 @@ class Mixture:
 
 
 def widen(mixture: Mixture, factor: float) -> Mixture:
-    """Return the mixture with covariances times a factor."""
+    """Return the mixture with its covariances multiplied by a factor."""
     return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
 
 
@@ -118,7 +118,7 @@ def learn_mixture(
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> LearnedMixture:
-    """Learn a mixture of Gaussians, as the last of `mixture_rounds` is."""
+    """Learn a mixture of Gaussians from shapes (n, 3, p), see `mixture_rounds`."""
     *_, learned = mixture_rounds(
         shapes,
         components,
@@ -139,9 +139,9 @@ def mixture_rounds(
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> Iterator[LearnedMixture]:
-    """Learn a mixture of Gaussians from shapes (n, 3, p), normalised and aligned.
+    """Learn a mixture of Gaussians from shapes (n, 3, p); yield it after each round.
 
-    Yields the mixture after each round, at least one.
+    The shapes are normalised and aligned. There is at least one round.
 
     shrinkage in [0, 1): the share of G in the covariance of a component of average
     size; floor > 0: variance of every coordinate beyond that of the shapes. The start
@@ -184,7 +184,7 @@ def _without_empty_components(mixture: Mixture, n: int) -> Mixture:
 def maximise(
     X: Floats, share: Floats, G: Floats, kappa: float, floor: float
 ) -> Mixture:
-    """Return the best mixture, given the share (n, K) of each component in each shape.
+    """Return the likeliest mixture for shares (n, K) of its components in shapes X.
 
     The maximisation step. X (n, d), the shapes as rows; G, kappa and floor: see above.
     """
@@ -204,7 +204,7 @@ def maximise(
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
-    """Return log pi_k + E log N(x_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
+    """Return log pi_k + E log N(X_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
 
     The log densities of shapes X (n, d) that have an error of the variance `floor`.
     """
@@ -215,7 +215,7 @@ def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
 
 
 def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
-    """Return the objective's term that draws covariances towards G.
+    """Return the log prior of the covariances, which draws them towards G (d, d).
 
     -kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)).
     """
@@ -231,7 +231,7 @@ def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
 
     By Lloyd's method, from the seeds of k-means++.
     """
-    centres = _seeds(X, k)
+    centres = _draw_seeds(X, k)
     label = np.zeros(len(X), np.intp)
     for _ in range(MAX_KMEANS_ROUNDS):
         before = label
@@ -245,7 +245,7 @@ def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
     return label
 
 
-def _seeds(X: Floats, k: int) -> Floats:
+def _draw_seeds(X: Floats, k: int) -> Floats:
     """Draw centres (k, d) from X (n, d), the likelier the farther from those before.
 
     Source: k-means++, Arthur and Vassilvitskii 2007.
@@ -263,20 +263,20 @@ def _seeds(X: Floats, k: int) -> Floats:
 
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
-    """Return the scatter matrix sum_n w_n (x_n - mean) (x_n - mean)^T (d, d).
+    """Return the scatter matrix sum_n w_n (X_n - mean) (X_n - mean)^T (d, d).
 
     X (n, d), weights w (n,); mean (d,) must be the weighted mean of X.
     """
     some = np.flatnonzero(w > MIN_SHAPE_SHARE)
     scatter: Floats = -w.sum() * np.outer(mean, mean)
-    for part in parts(len(some)):
+    for part in split_shapes(len(some)):
         rows = some[part]
         weighted = np.sqrt(w[rows])[:, None] * X[rows]
         scatter += weighted.T @ weighted
     return scatter
 
 
-def parts(n: int) -> Iterator[slice]:
+def split_shapes(n: int) -> Iterator[slice]:
     """Yield slices that divide n shapes, SHAPES_AT_A_TIME at most in each."""
     for first in range(0, n, SHAPES_AT_A_TIME):
         yield slice(first, min(first + SHAPES_AT_A_TIME, n))

@@ -34,7 +34,7 @@ between the groups.
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Dictionary:
     """k atoms B_i, each a centred (3, p) shape on the scale of normalised shapes.
 
@@ -90,7 +90,7 @@ class Dictionary:
 
     @property
     def prior_covariances(self) -> Floats | None:
-        """Return covariances (K, p, 3, p, 3) of the prior by landmark, None without."""
+        """Return the covariances C (K, p, 3, p, 3) of the prior, None without one."""
         return None if self.prior is None else self.prior.by_landmark
 
     @property
@@ -132,7 +132,7 @@ class Dictionary:
 
     @property
     def depth_ambiguity(self) -> bool:
-        """Whether nothing has told near from far: depth may be mirrored."""
+        """Whether the sign of depth is unknown: shapes may be mirrored in depth."""
         return (
             LEARNED_FROM in self.provenance
             and self.provenance.get(DEPTH_AMBIGUITY, OPEN) == OPEN
@@ -140,9 +140,9 @@ class Dictionary:
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return the groups of `WHERE_MARKED`: what each depends on, and its landmarks.
+        """Return groups of optional landmarks: what each depends on, and its members.
 
-        Groups go by their text, such as `rankle:rheel,rball,rtoe`.
+        By the text of the group in `WHERE_MARKED`, such as `rankle:rheel,rball,rtoe`.
         """
         groups = {}
         for text in self.provenance.get(WHERE_MARKED, "").split():
@@ -152,9 +152,9 @@ class Dictionary:
 
     @property
     def depends_on(self) -> NDArray[np.int64]:
-        """Return the landmark on which each landmark (p,) depends, -1 for none.
+        """Return the index of the landmark on which each one (p,) depends, else -1.
 
-        Those of `groups` depend on one, by index.
+        Those of `groups` depend on one.
         """
         index_of = self.landmark_names.index
         indices = np.full(len(self.landmark_names), -1)
@@ -163,11 +163,11 @@ class Dictionary:
                 indices[index_of(name)] = index_of(depends_on)
         return indices
 
-    def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return the dictionary without optional joints (toes) that a file lacks.
+    def drop_unmarked(self, landmarks: Collection[str]) -> Dictionary:
+        """Return the dictionary without optional joints (toes) not among `landmarks`.
 
-        landmarks: the names in the file. A group of `WHERE_MARKED` stays whole where
-        one of its joints is among them.
+        landmarks: the names in a file. A group of `WHERE_MARKED` stays whole where one
+        of its joints is among them.
         """
         retained: list[str] = []
         dropped: set[str] = set()
@@ -183,7 +183,7 @@ class Dictionary:
         return replace(self.of_landmarks(names), provenance=provenance)
 
     def of_landmarks(self, names: Sequence[str]) -> Dictionary:
-        """Return the dictionary of some of its landmarks, in the order of the names.
+        """Return the dictionary of the landmarks with these names, in their order.
 
         It has the marginal of the prior and the edges between them; `mirror_index`
         stays where the partners of all are among them.
@@ -215,9 +215,9 @@ class Dictionary:
         return changed
 
     def _with_edges(self, edges: Integers, retained: Indices) -> Dictionary:
-        """Return the dictionary with new edges (e, 2), and what it knows of them.
+        """Return the dictionary with its edges `retained` (e,) only, as `edges` (e, 2).
 
-        retained (e,): the old edge that each is.
+        Their tolerance, lengths and covariance stay. retained: indices of old edges.
         """
         tolerance = self.bone_tolerance
         length = self.edge_length
@@ -233,8 +233,8 @@ class Dictionary:
         )
 
 
-def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Return a dictionary of joints x as one of landmarks y = A x + e.
+def map_landmarks(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
+    """Turn a dictionary of joints x into one of landmarks y = A x + e, e ~ N(0, V).
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 
@@ -274,9 +274,9 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
-    """Say in a line how sure depth is of a class learned from 2D landmarks.
+    """Describe in one line how well a dictionary learned depth from 2D landmarks.
 
-    Without a line for a dictionary learned from 3D shapes.
+    No line for a dictionary learned from 3D shapes.
     """
     provenance = dictionary.provenance
     if LEARNED_FROM not in provenance:

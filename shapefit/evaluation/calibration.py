@@ -78,14 +78,14 @@ class Coverage(TypedDict):
     median_width: dict[str, float]
 
 
-def find_squares(
+def measure_error_bars(
     estimate: Floats,
     truth: Floats,
     rotation: Floats,
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Return squared Mahalanobis distances of the truth, and widths of error bars.
+    """Return squared Mahalanobis distances (n, p) of the truth, and widths of the bars.
 
     d^T C^-1 d (n, p), d = e_j - y_j, of the truth y = a R x + t.
     It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,
@@ -127,7 +127,7 @@ def find_squares(
 
 
 def _raise_to_floor(sd: Floats) -> Floats:
-    """Return deviations (n, 3, p), raised to a tiny share of the image's largest."""
+    """Raise deviations `sd` (n, 3, p) to a tiny share of each image's largest."""
     largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
     floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)
     return floored

@@ -186,7 +186,7 @@ class TypicalShape(NamedTuple):
 
 
 def look_of(place: int) -> Look:
-    """Return the look of the method at a place in the list of all."""
+    """Return colour, dash and marker of the method with the index `place`."""
     turn, colour = divmod(place, len(COLOURS))
     again = turn % len(DASHES)
     return Look(COLOURS[colour], DASHES[again], MARKERS[again])
@@ -194,9 +194,10 @@ def look_of(place: int) -> Look:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw and save in the style of reports; whatever letters a font lacks is no news.
+    """Give figures that the block draws and saves the style of reports.
 
-    Figures take some of their style when they are made, some when they are saved.
+    Figures take some of their style when they are made, some when they are saved. There
+    is no warning of letters that a font lacks.
     """
     import matplotlib
 
@@ -206,7 +207,7 @@ def style() -> Iterator[None]:
 
 
 def draw_errors(groups: Mapping[str, Mapping[str, Floats]], unit: str) -> Figure:
-    """Draw boxes of the errors by group and method, and the share of images below one.
+    """Draw box plots of errors by group and method, and cumulative shares of images.
 
     groups: name -> method -> errors (n,), nan where an image failed.
     """
@@ -224,7 +225,7 @@ def _draw_boxes(
     methods: Sequence[str],
     unit: str,
 ) -> None:
-    """Draw a box a method, below the name of its group where there are several."""
+    """Draw a box plot of errors for each group and method, with their names."""
     labels: list[str] = []
     places: list[float] = []
     line = 0.0
@@ -251,7 +252,7 @@ def _draw_boxes(
 
 
 def _draw_box(axes: Axes, values: Floats, line: float, look: Look) -> None:
-    """Draw a box of finite errors (n,) at a line of names."""
+    """Draw a box plot of finite errors (n,) at the height `line` of the axes."""
     low, *box, high = np.percentile(values, (WHISKERS[0], 25, 50, 75, WHISKERS[1]))
     first, middle, third = box
     top = line - 0.3
@@ -276,7 +277,7 @@ def _draw_shares(
     methods: Sequence[str],
     unit: str,
 ) -> None:
-    """Draw the share of the images of all groups whose error is below a value."""
+    """Draw a curve a method: the share of images whose error is below each value."""
     highest = 0.0
     for number, method in enumerate(methods):
         errors = np.concatenate(
@@ -330,7 +331,7 @@ def draw_sequences(
 def _draw_group(
     axes: Axes, means: Mapping[str, Mapping[str, float]], methods: Sequence[str]
 ) -> None:
-    """Draw the bars or dots of a group of sequences, the mean over them at the end."""
+    """Draw mean errors of a group by sequence and method, their means at the end."""
     names = [*dict.fromkeys(name for of_method in means.values() for name in of_method)]
     is_bars = len(names) * len(methods) <= MAX_BARS
     if not is_bars:
@@ -505,9 +506,9 @@ def draw_examples(rows: Sequence[Sequence[Example]], edges: Integers) -> Figure:
 def _draw_example(
     axes: Axes, one: Example, place: int, edges: Integers, aspect: float
 ) -> None:
-    """Draw the landmarks of an example, or its shapes from the camera or its side.
+    """Draw a panel of an example: landmarks, or the shapes from the camera or the side.
 
-    aspect is the height of the panel over its width.
+    place: 0, 1 or 2 for these; aspect: the height of the panel over its width.
     """
     if place == 0:
         if one.landmarks is not None:
@@ -558,7 +559,7 @@ def _frame(
 
 
 def _height_by_width(shape: Floats) -> float:
-    """Return the height of a shape (3, p) by its width from front or side."""
+    """Return the height of a shape (3, p) over the larger of its width and depth."""
     size = np.nanmax(shape, axis=1) - np.nanmin(shape, axis=1)
     return float(size[1] / max(size[0], size[2], 1e-9))
 
@@ -634,7 +635,7 @@ def _legend_lines(methods: Sequence[str], share: float = 1.0) -> int:
 
 
 def _legend_column_inches(letters: int) -> float:
-    """Return the width of a legend's column; letters: how many its names have."""
+    """Return the width in inches of a legend's column whose names have `letters`."""
     return 0.35 + 0.07 * letters
 
 
@@ -717,14 +718,14 @@ def _mean(values: Sequence[float | None]) -> float:
 
 
 def _in_two_lines(name: str) -> str:
-    """Return a name in two lines at most."""
+    """Return a name wrapped to two lines at most, and shortened if it is longer."""
     text = printable(name)
     lines = textwrap.wrap(text, NAME_LETTERS, max_lines=2, placeholder="…")
     return "\n".join(lines)
 
 
 def _last_letters(name: str, max_letters: int = SHORT_NAME_LETTERS) -> str:
-    """Return the last letters of a name, which tell it from others."""
+    """Return a name shortened to its last letters, which tell it from others."""
     text = printable(name)
     return text if len(text) <= max_letters else f"…{text[1 - max_letters :]}"
 

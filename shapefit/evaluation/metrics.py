@@ -23,7 +23,7 @@ IMAGES_MEASURED_AT_ONCE = 1 << 10
 """Their arrays fit into the cache of the processor."""
 
 
-def similarity(estimate: Floats, truth: Floats) -> Floats:
+def similarity_error(estimate: Floats, truth: Floats) -> Floats:
     """Return the mean distance (n,) of landmarks from the truth, once aligned to it.
 
     By the similarity s, R, t that minimises sum_j |s R e_j + t - x_j|^2. estimate and
@@ -41,7 +41,7 @@ def mean_distance(distances: Floats) -> Floats:
     return _mean_over_visible(distances, ~np.isnan(distances), MIN_COMMON_LANDMARKS)
 
 
-def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
+def camera_error(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     """Return the mean distance (n,) of landmarks from the truth in the camera frame.
 
     After the scale s >= 0 and shift t that minimise sum_j |s e_j + t - R x_j|^2, but no
@@ -61,11 +61,11 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     return _mean_over_visible(distance, visible, MIN_COMMON_LANDMARKS)
 
 
-def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
-    """Return the errors (n,) that results state to expect, in the unit of the truth.
+def convert_expected_error(estimate: Floats, truth: Floats, error: Floats) -> Floats:
+    """Convert the expected errors `error` (n,) to the unit of the truth.
 
-    error (n,), those in the unit of the estimate, times the ratio of the sizes of truth
-    and estimate, (n, 3, p) each; nan where the estimate has no size.
+    error, in the unit of the estimate, times the ratio of the sizes of truth and
+    estimate, (n, 3, p) each; nan where the estimate has no size.
     """
     visible = visible_in_both(estimate, truth)
     size = np.sqrt((centred(estimate, visible) ** 2).sum(axis=(1, 2)))
@@ -220,7 +220,7 @@ METRICS = {
         title="3D error up to a similarity",
     ),
     "camera": Metric(
-        camera,
+        camera_error,
         needs=("estimate", "truth", "true_rotation"),
         unit=LENGTH,
         title="3D error in the camera frame",
@@ -238,7 +238,7 @@ METRICS = {
         title="RMS reprojection error",
     ),
     "expected": Metric(
-        expected,
+        convert_expected_error,
         needs=("estimate", "truth", "expected_error"),
         unit=LENGTH,
         title="Expected 3D error up to a similarity",

@@ -23,7 +23,7 @@ from shapefit.evaluation.report import (
     PartSummary,
     Quantity,
     decimals_of,
-    number,
+    format_number,
     sequences_of,
     shown_units,
     table_of,
@@ -111,7 +111,10 @@ class PageFacts(NamedTuple):
 def report_page(
     report: Document, figures: Sequence[PageFigure], facts: PageFacts
 ) -> str:
-    """Return report.html: tables, figures and how to read them. Names are escaped."""
+    """Return the HTML of report.html: tables, figures and how to read them.
+
+    Names are escaped.
+    """
     parts = [
         "<h1>Errors against the truth</h1>",
         _paragraph(_introduction(report, facts)),
@@ -136,7 +139,7 @@ def report_page(
 
 
 def _introduction(report: Document, facts: PageFacts) -> str:
-    """Return what was compared, how large the objects are, and the least error."""
+    """Say what was compared, how large the objects are, and what the least error is."""
     methods = report["methods"]
     images = max(method["images"] for method in methods)
     truth = [_last_part(file) for file in _truth_files(report)]
@@ -149,7 +152,9 @@ def _introduction(report: Document, facts: PageFacts) -> str:
         return text
     name, error, unit = best
     decimals = decimals_of([error])
-    text += f" After alignment landmarks are {number(error, decimals)} {unit} off"
+    text += (
+        f" After alignment landmarks are {format_number(error, decimals)} {unit} off"
+    )
     text += " on average"
     if len(methods) > 1:
         text += f" with {name}, the best of {len(methods)} methods"
@@ -205,14 +210,15 @@ def _truth_files(report: Document) -> list[str]:
 
 
 def _last_part(path: str) -> str:
-    """Return the name of the file of a path of any system."""
+    """Return the file name in a path of any operating system."""
     return path.replace("\\", "/").rsplit("/", 1)[-1]
 
 
 def _shown_columns(columns: Iterable[Quantity]) -> list[Quantity]:
-    """Return the columns of the page: shares of the truth but once and last, no box's.
+    """Select the columns that the page shows, with one normalised error at the end.
 
-    But where there is no other unit.
+    That is the aligned one; errors in sizes of boxes are left out. All columns where
+    there is no other unit.
     """
     aligned = [(name, unit) for name, unit in columns if name == ALIGNED]
     shares = [quantity for quantity in aligned if quantity[1] == NORMALISED]
@@ -221,7 +227,7 @@ def _shown_columns(columns: Iterable[Quantity]) -> list[Quantity]:
 
 
 def _table_of_errors(report: Document) -> str:
-    """Return the table of the page: a row for each group and method."""
+    """Return the HTML table of errors: a row for each group and method."""
     counts, columns = table_of(report)
     shown = _shown_columns(columns)
     names = [_column_name(quantity) for quantity in shown]
@@ -244,7 +250,7 @@ def _table_of_errors(report: Document) -> str:
 
 
 def _group_line(group: str, columns: int) -> str:
-    """Return the row above the methods of a group, as wide as the table."""
+    """Return the HTML row that names a group, `columns` wide, above its methods."""
     name = escape(printable(group))
     return f'<tr class="group"><td colspan="{columns}">{name}</td></tr>'
 
@@ -269,7 +275,7 @@ def _column_cells(
     """
     decimals = decimals_of(value for values in column.values() for value in values)
     texts = [
-        " / ".join(number(value, decimals) for value in column.get(row, (None,)))
+        " / ".join(format_number(value, decimals) for value in column.get(row, (None,)))
         for row in rows
     ]
     means = [text.partition(" / ")[0] for text in texts]
@@ -289,7 +295,7 @@ def _column_name(quantity: Quantity) -> str:
 
 
 def _legend_of_table(report: Document) -> str:
-    """Return what the table shows, and what its columns mean."""
+    """Return the HTML that says what the table of errors shows and its columns mean."""
     counts, columns = table_of(report)
     many = max(len(sequences_of(report, *row)) for row in counts)
     text = "Cells of errors are mean / median over the images."
@@ -318,7 +324,7 @@ def _legend_of_table(report: Document) -> str:
 
 
 def _table_of_angles(report: Document) -> str:
-    """Return the table of the errors of joint angles, "" where there are none."""
+    """Return the HTML table of errors of joint angles, "" where there are none."""
     angles = report["angles"]
     if not angles:
         return ""
@@ -345,7 +351,7 @@ def _table_of_angles(report: Document) -> str:
 
 
 def _figure(figure: PageFigure) -> str:
-    """Return a figure with its heading and caption."""
+    """Return the HTML of a figure with its heading and caption."""
     title = TITLES[figure.name]
     drawn = inline_svg(figure.name, figure.svg, title)
     caption = f"<figcaption>{escape(printable(figure.caption))}</figcaption>"
@@ -353,7 +359,7 @@ def _figure(figure: PageFigure) -> str:
 
 
 def inline_svg(name: str, svg: str, title: str) -> str:
-    """Return the panels of a figure as parts of a page, in the colours of the page.
+    """Return the HTML of the panels of a figure (SVG), in the colours of the page.
 
     The first one holds all of the figure and shows its own panel of it; the others
     show theirs by reference. On a narrow screen they stand below each other.
@@ -384,7 +390,7 @@ def inline_svg(name: str, svg: str, title: str) -> str:
 
 
 def _as_part(name: str, tag: str) -> str:
-    """Return a tag of a figure with the page's colours, and ids of its own."""
+    """Return a tag of an SVG in the colours of the page, its ids prefixed by `name`."""
     for colour, of_page in RECOLOURED.items():
         tag = tag.replace(colour, f"var(--{of_page})")
     tag = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', tag)
@@ -392,7 +398,7 @@ def _as_part(name: str, tag: str) -> str:
 
 
 def _failures(report: Document) -> list[str]:
-    """Return the first failed images of each method, and how many more there are."""
+    """Return lines on the first failed images of each method, and how many are left."""
     lines = []
     for method in report["methods"]:
         failures = method["failures"]
@@ -407,7 +413,7 @@ def _failures(report: Document) -> list[str]:
 
 
 def _list_of(title: str, lines: Sequence[str]) -> str:
-    """Return a title and a list, "" for an empty one."""
+    """Return the HTML of a list of lines below a title, "" where there are no lines."""
     if not lines:
         return ""
     items = "".join(f"<li>{escape(printable(line))}</li>" for line in lines)
@@ -415,7 +421,7 @@ def _list_of(title: str, lines: Sequence[str]) -> str:
 
 
 def _origin(report: Document, facts: PageFacts) -> str:
-    """Return which files were compared, and what lies beside the page."""
+    """Return the HTML that says which files were compared, and which the report has."""
     rows = [("truth", ", ".join(_truth_files(report)))]
     for method in report["methods"]:
         files = ", ".join(method["files"])
@@ -431,19 +437,19 @@ def _origin(report: Document, facts: PageFacts) -> str:
 
 
 def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of texts, which are escaped."""
+    """Return the HTML table of a header and rows of texts, which are escaped."""
     return _table([_line("th", header), *(_line("td", row) for row in rows)])
 
 
 def _table(lines: Sequence[str]) -> str:
-    """Return a table of rows of HTML, which scrolls where it is too wide."""
+    """Return the HTML table of rows of HTML, which scrolls where it is too wide."""
     return f'<div class="wide"><table>{"".join(lines)}</table></div>'
 
 
 def with_section(page: str, name: str, html: str) -> str:
-    """Return the page of a report with a section of a name before its end.
+    """Insert HTML as the section `name` near the end of a report's page.
 
-    In the place of the one that it has of that name.
+    It replaces the section that the page has of that name.
     """
     opening = f'<section id="{name}">'
     start = page.find(opening)
@@ -461,7 +467,7 @@ def _paragraph(text: str, kind: str = "") -> str:
 
 
 def _line(tag: str, cells: Sequence[str], marks: Sequence[bool] = ()) -> str:
-    """Return a row of a table; marks says which cells are the best."""
+    """Return the HTML row of cells (th or td); marks says which cells are the best."""
     texts = []
     for place, cell in enumerate(cells):
         is_best = place < len(marks) and marks[place]

@@ -312,7 +312,7 @@ def parts_csv(parts: Sequence[PartSummary], noun: str) -> str:
 
 
 def shown_units(report: Document) -> dict[str, ShownUnit]:
-    """Return the units in which a page shows numbers, by the units of the report."""
+    """Return for each unit of the report the unit in which people read its numbers."""
     means: dict[str, list[float]] = {}
     for summary in report["summaries"]:
         means.setdefault(summary.unit, []).append(summary.mean)
@@ -325,7 +325,7 @@ def shown_units(report: Document) -> dict[str, ShownUnit]:
 def table_of(
     report: Document,
 ) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, QuantityColumn]]:
-    """Return the counts and columns of the page's table, by group and method.
+    """Return counts of images, and columns of errors, both by group and method.
 
     The counts are measured and failed images; the columns are numbers by quantity, in
     the units that people read. Those of a metric are mean and median; then come the
@@ -387,7 +387,7 @@ def short_lines(report: Document) -> list[str]:
 def _short_errors(
     columns: Mapping[Quantity, QuantityColumn], row: GroupMethod
 ) -> Iterable[str]:
-    """Return the errors of a row in words, a metric once, in the unit of the truth."""
+    """Return the errors of a group and method in words, one unit for each metric."""
     errors: dict[str, str] = {}
     for (metric, unit), column in columns.items():
         # The last unit is that of the truth.
@@ -401,12 +401,12 @@ def _short_errors(
 def _describe_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
     """Return a mean and a median in words."""
     decimals = decimals_of(mean_and_median)
-    mean, median = (number(value, decimals) for value in mean_and_median)
+    mean, median = (format_number(value, decimals) for value in mean_and_median)
     return f"{mean} mean, {median} median ({unit})"
 
 
 def sequences_of(report: Document, group: str, method: str) -> list[str]:
-    """Return the sequences over which the mean of a group is taken."""
+    """Return the sequences over which the mean of a method in a group is taken."""
     return [
         *dict.fromkeys(
             one.sequence
@@ -419,7 +419,7 @@ def sequences_of(report: Document, group: str, method: str) -> list[str]:
 
 
 def _describe_images(report: Document, row: GroupMethod, images: int) -> str:
-    """Return how many images a row has, and over how many sequences its means are."""
+    """Say how many images a group and method have, and of how many sequences."""
     sequences = sequences_of(report, *row)
     if len(sequences) < 2:
         return counted(images, "image")
@@ -429,7 +429,7 @@ def _describe_images(report: Document, row: GroupMethod, images: int) -> str:
 def _short_bars(
     columns: Mapping[Quantity, QuantityColumn], row: GroupMethod
 ) -> list[str]:
-    """Return in words what the error bars of a row hold."""
+    """Return in words the coverage of the error bars of a group and method."""
     texts = []
     for quantity, text in (
         (BARS_50, "50% bars hold {:.0f}%"),
@@ -442,7 +442,7 @@ def _short_bars(
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown, its columns lined up, the first to the left."""
+    """Return a table in Markdown with aligned columns, the first to the left."""
     cells = [
         [" ".join(cell.split()).replace("|", "\\|") for cell in row]
         for row in (header, *rows)
@@ -459,13 +459,13 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def number(value: float | None, decimals: int) -> str:
+def format_number(value: float | None, decimals: int) -> str:
     """Return a number as text with `decimals` decimals; `ABSENT` for None and nan."""
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 
 def decimals_of(values: Iterable[float | None]) -> int:
-    """Return how many digits after the point suit the largest of some numbers.
+    """Return how many decimals to show numbers with, by the largest of them.
 
     Three, as in the paper; one from 10 on, more for tiny numbers.
     """

@@ -31,15 +31,15 @@ IMAGE_UP: Up = "-y"
 """
 
 
-def nearest_axis_up(rotation: Floats) -> Up:
-    """Return the axis of the world that points up, or nearest to it, in the images.
+def nearest_axis_up(world_to_camera: Floats) -> Up:
+    """Return the signed axis of the world that is nearest to up in the images.
 
-    argmax_a <R a, up in the image>. R (..., 3, 3) maps the world to the frame of the
-    camera, x right, y down, z away from it. The cameras of a recording are rarely
-    tilted by more than 45 degrees, and worlds have an axis upright; which one differs
-    from tool to tool.
+    argmax_a <R a, up in the image>. The rotations R (..., 3, 3) map the world to the
+    frame of the camera: x right, y down, z away from it. The cameras of a recording are
+    rarely tilted by more than 45 degrees, and worlds have an axis upright; which one
+    differs from tool to tool.
     """
-    downward = np.asarray(rotation, np.float64)[..., 1, :].reshape(-1, 3)
+    downward = np.asarray(world_to_camera, np.float64)[..., 1, :].reshape(-1, 3)
     upward = -downward.mean(axis=0)
     axis = int(np.abs(upward).argmax())
     positive: tuple[Up, ...] = ("x", "y", "z")
@@ -51,22 +51,22 @@ Axis = Literal["x", "y", "z"]
 
 
 def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
-    """Project shapes under weak perspective: what a camera far from them sees.
+    """Rotate shapes (..., 3, p) and project them under weak perspective to (..., 2, p).
 
-    W = s [1 0 0; 0 1 0] R S. shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p).
-    s = 1 is the orthographic camera, any other positive s the weak-perspective one.
+    W = s [1 0 0; 0 1 0] R S, which a far camera sees; rotations R (..., 3, 3). s = 1 is
+    the orthographic camera, any other positive s the weak-perspective one.
     Rotations map object frame to camera frame: x right, y up, z towards the viewer.
     """
     return scale * (rotations[..., :2, :] @ shapes)
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """Return rotations (n, 3, 3) of an object on a turntable before a level camera.
+    """Return object-to-camera rotations (n, 3, 3) for whole turns (n,) about axis `up`.
 
-    R = U R_up(2 pi turns), turns (n,) of a whole turn each. The object stands upright
-    and has turned about its axis `up`. The camera looks horizontally. U brings the axis
-    `up` of the object to y of the camera by the shorter way; it is the identity for y.
-    Seen from above the object turns anticlockwise.
+    R = U R_up(2 pi turns). Turns may be fractions. The object is upright and has turned
+    about its axis `up`. The camera is level. U brings the axis `up` of the object to y
+    of the camera by the shorter way; it is the identity for y. Seen from above the
+    object turns anticlockwise.
     """
     axis = np.eye(3)["xyz".index(up)]
     return TO_Y_UP[up] @ rotation_about(axis, 2 * np.pi * np.asarray(turns))

@@ -129,10 +129,10 @@ class Floor(NamedTuple):
     roll_sd: float
 
     def in_floor_frame(self, points: Floats) -> Floats:
-        """Return points (..., 3, p) of the camera in the frame of the floor.
+        """Map points (..., 3, p) from the camera's frame to the floor's, in metres.
 
-        There y is up, and 0 on the floor: R x + (0, height, 0) with the shortest
-        rotation R up = y. In metres.
+        In the floor's frame y is up, and 0 on the floor: R x + (0, height, 0) with the
+        shortest rotation R up = y.
         """
         turn = shortest_rotations(self.up, np.array([[0.0, 1.0, 0.0]]))[0]
         standing: Floats = turn @ points + np.array([[0.0], [self.height], [0.0]])
@@ -163,11 +163,11 @@ class Evidence(NamedTuple):
 
 
 def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None:
-    """Return the floor that bodies stand on; None where no foot rests, or it is unsure.
+    """Fit the floor that bodies stand on; None if no foot rests or it is too uncertain.
 
-    Unsure is a height with a deviation above `MAX_HEIGHT_SD`. Bodies without all joints
-    of `MASS` do not count. distance_sd: standard deviation of the logarithm of the
-    distance, the same for all frames.
+    Too uncertain is a height with a standard deviation above `MAX_HEIGHT_SD`. Bodies
+    without all joints of `MASS` do not count. distance_sd: standard deviation of the
+    logarithm of the distance, the same for all frames.
     """
     needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
     whole = [body for body in bodies if needed <= body.joints.keys()]
@@ -177,19 +177,19 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
     evidence = Evidence(*map(np.concatenate, zip(*found, strict=True)))
     stature = float(np.mean([body.stature for body in whole]))
     foot_sd = FOOT_SD * stature
-    abg, covariance = _solve(foot_sd, evidence)
+    abg, covariance = _fit_plane(foot_sd, evidence)
     farther = evidence.places * np.array([1.0, 1.0, 1 + distance_sd])
-    change = _solve(foot_sd, evidence._replace(places=farther))[0] - abg
+    change = _fit_plane(foot_sd, evidence._replace(places=farther))[0] - abg
     covariance += np.outer(change, change)
     floor = _make_floor(abg, covariance)
     return None if floor.height_sd > MAX_HEIGHT_SD * stature else floor
 
 
 def _make_floor(abg: Floats, covariance: Floats) -> Floor:
-    """Return the floor from the unknowns a, b and g of the equations above.
+    """Make the floor a x + y + b z + g = 0 from (a, b, g) and their covariance (3, 3).
 
-    abg (3,) and their covariance (3, 3), as `_solve` gives them. Standard deviations
-    are linearised.
+    abg (3,); x, y, z in metres in the camera's frame. Standard deviations are
+    linearised.
     """
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
@@ -210,16 +210,16 @@ def _make_floor(abg: Floats, covariance: Floats) -> Floor:
 
 
 def _find_evidence(body: FilmedBody) -> Evidence:
-    """Return where the feet of one body rest, and how it leans above them."""
-    X = {joint: body.points[..., column] for joint, column in body.joints.items()}
-    centre = _centre_of_mass(X)
-    ahead = _offset_from_ankle(X, body.stature)
-    supports = np.stack([X[f"{side}ankle"] + ahead for side in "lr"])
-    marks = [mark for mark in ABOVE_FLOOR if {f"l{mark}", f"r{mark}"} <= X.keys()]
+    """Return where the feet of one body rest, and how the body leans above them."""
+    joints = {joint: body.points[..., column] for joint, column in body.joints.items()}
+    centre = _centre_of_mass(joints)
+    ahead = _offset_from_ankle(joints, body.stature)
+    supports = np.stack([joints[f"{side}ankle"] + ahead for side in "lr"])
+    marks = [mark for mark in ABOVE_FLOOR if {f"l{mark}", f"r{mark}"} <= joints.keys()]
     feet = np.stack(
-        [np.mean([X[f"{side}{mark}"] for mark in marks], axis=0) for side in "lr"]
+        [np.mean([joints[f"{side}{mark}"] for mark in marks], axis=0) for side in "lr"]
     )
-    rests = _find_rests(body, X, feet, supports, centre)
+    rests = _find_rests(body, joints, feet, supports, centre)
     leaning, variances = _find_leaning(body, rests, supports, centre)
     places = []
     if leaning:
@@ -236,57 +236,60 @@ def _find_evidence(body: FilmedBody) -> Evidence:
     )
 
 
-def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
+def _centre_of_mass(joints: Mapping[str, Floats]) -> Floats:
     """Return the centre of mass (n, 3) of a body, from its joints (n, 3) by name."""
-    trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
+    trunk = joints["lshoulder"] + joints["rshoulder"] - joints["lhip"] - joints["rhip"]
     parts = (
-        share / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, share in MASS.items()
+        share / 2 * (joints[f"l{joint}"] + joints[f"r{joint}"])
+        for joint, share in MASS.items()
     )
     return sum(parts, 0 * trunk)
 
 
-def _offset_from_ankle(X: Mapping[str, Floats], stature: float) -> Floats:
+def _offset_from_ankle(joints: Mapping[str, Floats], stature: float) -> Floats:
     """Return the vector (n, 3) from an ankle to where its foot supports the body.
 
-    In metres, the same for both feet: it points the way that the trunk faces. X: joints
-    (n, 3) by name.
+    In metres, the same for both feet: it points the way that the trunk faces.
+    joints: joints (n, 3) by name.
     """
-    trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
-    ahead = np.cross(X["lhip"] - X["rhip"], trunk)
+    trunk = joints["lshoulder"] + joints["rshoulder"] - joints["lhip"] - joints["rhip"]
+    ahead = np.cross(joints["lhip"] - joints["rhip"], trunk)
     ahead *= FORWARD * stature / np.linalg.norm(ahead, axis=1, keepdims=True)
     return ahead
 
 
 def _find_rests(
     body: FilmedBody,
-    X: Mapping[str, Floats],
+    joints: Mapping[str, Floats],
     feet: Floats,
     supports: Floats,
     centre: Floats,
 ) -> NDArray[np.bool_]:
     """Return whether left and right foot rest on the floor, frame by frame (2, n).
 
-    They are slow and low, and their legs straight. feet (2, n, 3), points of them that
-    support the body (2, n, 3), and its centre of mass (n, 3).
+    They are slow and low, and their legs straight. feet (2, n, 3); supports (2, n, 3),
+    the points of the feet that support the body; centre (n, 3), its centre of mass. All
+    in metres.
     """
     upright = centre - supports.mean(axis=0)
     length = np.linalg.norm(upright, axis=1, keepdims=True)
     height = (supports * upright / length).sum(axis=2)
     is_low = height < height.min(axis=0) + MAX_FOOT_HEIGHT * body.stature
     may_rest = [
-        _may_rest(body, X, side, foot) for side, foot in zip("lr", feet, strict=True)
+        _may_rest(body, joints, side, foot)
+        for side, foot in zip("lr", feet, strict=True)
     ]
     return np.asarray(np.stack(may_rest) & is_low)
 
 
 def _may_rest(
-    body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
+    body: FilmedBody, joints: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
     """Return whether a foot may rest, frame by frame (n,): slow, and its leg straight.
 
-    X: joints (n, 3) by name; side, "l" or "r"; foot (n, 3) in metres.
+    joints: joints (n, 3) by name; side: "l" or "r"; foot (n, 3). In metres.
     """
-    hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
+    hip, knee, ankle = (joints[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
     thigh = np.linalg.norm(hip - knee, axis=1)
     leg = thigh + np.linalg.norm(knee - ankle, axis=1)
     step = max(round(body.rate * MIN_REST_SECONDS / 2), 1)
@@ -306,11 +309,11 @@ def _may_rest(
 def _find_leaning(
     body: FilmedBody, rests: NDArray[np.bool_], supports: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return how a body leans at some moments, (2,) each, and the variances of that.
+    """Return the slopes (2,) of a body's lean in each second at rest, and variances.
 
     Leaning is (d_x, d_z) / d_y of the direction d to its centre of mass from where its
-    feet at rest support it: rests (2, n), supports (2, n, 3), centre (n, 3). A moment
-    is about a second in which a foot rests.
+    feet at rest support it: rests (2, n), supports (2, n, 3), centre (n, 3). Each is
+    the mean over about a second in which a foot rests.
     """
     ankles = [body.joints[f"{side}ankle"] for side in "lr"]
     leaning, variances = [], []
@@ -340,13 +343,14 @@ def _runs(rest: NDArray[np.bool_], min_frames: float) -> list[tuple[int, int]]:
     return [(begin, end) for begin, end in runs if end - begin >= min_frames]
 
 
-def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
-    """Return the unknowns a, b and g (3,) of the equations above, and their covariance.
+def _fit_plane(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
+    """Fit the floor a x + y + b z + g = 0; return (a, b, g) and its covariance (3, 3).
 
-    By iteratively reweighted least squares, of the leaning and then of the feet.
-    foot_sd: standard deviation of a foot across the line of sight, in metres.
+    By iteratively reweighted least squares, of the leaning and then of the feet. x, y,
+    z are in metres in the camera's frame. foot_sd: standard deviation of a foot across
+    the line of sight, in metres.
     """
-    usual, lean_precision = _usual_leaning(evidence.leaning, evidence.variances)
+    usual, lean_precision = _mean_leaning(evidence.leaning, evidence.variances)
     prior = np.diag([*(lean_precision + CAMERA_TILT_SD**-2), 0.0])
     x, y, z = evidence.places.T
     A = np.column_stack([x, z, np.ones(len(x))])
@@ -365,8 +369,8 @@ def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
     return abg, np.linalg.inv(precision)
 
 
-def _usual_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
-    """Return the robust mean (2,) of how bodies lean, and its precisions (2,).
+def _mean_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
+    """Return the robust mean (2,) of `leaning` (k, 2), and its precisions (2,).
 
     Leaning is a and b, the slopes of the direction up of a body to the right and to the
     viewer; leaning and its variances (k, 2), of k moments.

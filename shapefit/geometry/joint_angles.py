@@ -34,8 +34,8 @@ class JointAngle(NamedTuple):
     measure: Callable[[Floats, Floats], Floats]
 
     @property
-    def is_to_vertical(self) -> bool:
-        """Whether it depends on the direction that is up, not on the body alone."""
+    def depends_on_up(self) -> bool:
+        """Whether the angle depends on the direction up, not on the body alone."""
         return self.measure is _tilt
 
 
@@ -85,13 +85,13 @@ def measure_angles(
 
 
 def measurable_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
-    """Return the angles whose joints are all among these."""
+    """Return the angles of `JOINT_ANGLES` whose joints are all among names `joints`."""
     known = {*joints}
     return tuple(angle for angle in JOINT_ANGLES if {*angle.joints} <= known)
 
 
 def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
-    """Return the derivative of an angle by its points (m, 3, n), in radians.
+    """Return the derivatives (m, 3, n) of an angle in radians by its points (m, 3, n).
 
     By central differences; up (3, n).
     """
@@ -116,7 +116,7 @@ def _hinge(points: Floats, _: Floats) -> Floats:
     points (3, 3, n): the three joints.
     """
     above, joint, below = points
-    return _between(joint - above, below - joint)
+    return _angle_between(joint - above, below - joint)
 
 
 def _ankle(points: Floats, _: Floats) -> Floats:
@@ -125,22 +125,22 @@ def _ankle(points: Floats, _: Floats) -> Floats:
     Right to the shank, which runs from knee to ankle; the foot runs from heel to toe.
     """
     knee, ankle, heel, toe = points
-    return np.asarray(np.pi / 2 - _between(knee - ankle, toe - heel))
+    return np.asarray(np.pi / 2 - _angle_between(knee - ankle, toe - heel))
 
 
-def _flexion(points: Floats, _: Floats, head: float) -> Floats:
+def _flexion(points: Floats, _: Floats, trunk_sign: float) -> Floats:
     """Return the flexion (n,) in radians of a hip or shoulder: 0 hanging, + forward.
 
     atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point. The first
     two points are left and right of the line about which the limb turns, the next two
-    of the other end of the trunk. head is 1 at the shoulders and -1 at the hips. y is
-    made orthogonal to z, and x = y x z is forward; so the bone may begin at either end
-    of the line.
+    of the other end of the trunk. trunk_sign is 1 at the shoulders and -1 at the hips.
+    y is made orthogonal to z, and x = y x z is forward; so the bone may begin at either
+    end of the line.
     """
     left, right, other_left, other_right, end = points
     z = right - left
     limb = end - left
-    x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
+    x = np.cross(trunk_sign * (left + right - other_left - other_right), z, axis=0)
     y = np.cross(z, x, axis=0)
     forward = _dot(limb, x) / np.sqrt(_dot(x, x))
     along = _dot(limb, y) / np.sqrt(_dot(y, y))
@@ -148,15 +148,15 @@ def _flexion(points: Floats, _: Floats, head: float) -> Floats:
 
 
 def _tilt(points: Floats, up: Floats) -> Floats:
-    """Return the angle (n,) in radians between a line and the vertical.
+    """Return the angle (n,) in radians between `up` and the line of two midpoints.
 
-    It leads from the middle of the first two points to that of the others.
+    The line leads from the middle of the first two points to that of the others.
     """
     line = 2 * points[2:].mean(axis=0) - points[0] - points[1]
-    return _between(line, up)
+    return _angle_between(line, up)
 
 
-def _between(a: Floats, b: Floats) -> Floats:
+def _angle_between(a: Floats, b: Floats) -> Floats:
     """Return the angle (n,) between vectors (3, n), in radians from 0 to pi."""
     across = np.cross(a, b, axis=0)
     return np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
@@ -169,8 +169,8 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 _HIPS = ("lhip", "rhip")
 _SHOULDERS = ("lshoulder", "rshoulder")
-_hip_flexion = partial(_flexion, head=-1.0)
-_shoulder_flexion = partial(_flexion, head=1.0)
+_hip_flexion = partial(_flexion, trunk_sign=-1.0)
+_shoulder_flexion = partial(_flexion, trunk_sign=1.0)
 
 
 def _angles_of_side(side: str) -> tuple[JointAngle, ...]:

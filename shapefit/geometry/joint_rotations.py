@@ -69,14 +69,14 @@ def find_rig(
     root: int | None = None,
     pose: RestPose | None = None,
 ) -> Rig:
-    """Return the tree of bones that moves as points (f, 3, p) do, all of them known.
+    """Fit a rig, a tree of bones with rotations, to the motion of points (f, 3, p).
 
-    The tree is that of `find_tree`. At rest bones have their median lengths and the
-    directions of `pose`. Bones without one turn with their parent, from the pose of a
-    usual frame.
+    All points are known. The tree is that of `find_tree`. At rest bones have their
+    median lengths and the directions of `pose`. Bones without one turn with their
+    parent, from the pose of a usual frame.
     """
     tree = find_tree(points, edges, root)
-    rest = _find_rest(points, tree)
+    rest = _find_rest_frame(points, tree)
     starts = points[:, :, [tree[node.above].joint for node in tree]]
     ends = points[:, :, [node.joint for node in tree]]
     bones = np.moveaxis(ends - starts, -1, 0)
@@ -89,7 +89,7 @@ def find_rig(
         for node, length, direction in zip(tree, lengths, at_rest, strict=True)
         if length
     }
-    T = _find_pose(tree, directions, pose or {})
+    T = _find_pose_rotations(tree, directions, pose or {})
     above = [node.above for node in tree[1:]]
     relative = G[above].swapaxes(-1, -2) @ G[1:]
     L = np.concatenate([G[:1], relative])
@@ -100,7 +100,7 @@ def find_rig(
 
 
 def place_nodes(rig: Rig) -> Floats:
-    """Return where the nodes of a rig are in each frame (m, f, 3)."""
+    """Return the positions (m, f, 3) of the nodes of a rig in each frame."""
     places = [rig.root]
     G = [rig.rotations[0]]
     for node, offset, L in zip(
@@ -114,11 +114,11 @@ def place_nodes(rig: Rig) -> Floats:
 def find_tree(
     points: Floats, edges: Integers, root: int | None = None
 ) -> tuple[Node, ...]:
-    """Return the tree of those bones that keep their lengths best.
+    """Return the tree of bones between points (f, 3, p) whose lengths change least.
 
-    Parents come first, limb by limb. points (f, 3, p), all known; edges (e, 2) come
-    before other pairs of landmarks, which join only what edges leave apart. The root is
-    by default the landmark with the fewest bones to all others.
+    Parents come first, limb by limb. All points are known; edges (e, 2) come before
+    other pairs of landmarks, which join only what edges leave apart. The root is by
+    default the landmark with the fewest bones to all others.
     """
     graph = minimum_spanning_tree(np.triu(_joining_cost(points, edges), 1))
     if root is None:
@@ -164,8 +164,8 @@ def find_bones(tree: Sequence[Node]) -> dict[int, int]:
     return {end: start for end, start in ends if end != start}
 
 
-def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most like the median.
+def _find_rest_frame(points: Floats, tree: Sequence[Node]) -> int:
+    """Return the index of the frame (f, 3, p) with joints bent most like the median.
 
     How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """
@@ -180,9 +180,9 @@ def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
 
 
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
-    """Return the rotation G (m, f, 3, 3) in space of every node.
+    """Return the rotations G (m, f, 3, 3) in space of all nodes since frame `rest`.
 
-    It is the identity in the frame `rest`. Several bones turn by least squares. A
+    Several bones turn by least squares. A
     single bone turns the shortest way from its mean direction, seen by its parent, and
     then about itself as the bones that follow do.
     """
@@ -203,21 +203,21 @@ def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
             beyond = next(other.aims for other in tree if other.joint == end)
             following = _directions(points, end, beyond)
             seen = [_turn_back(P, bone) for bone in following]
-            Q = _aim(_turn_back(P, bones[0]), seen)
+            Q = _rotate_bone(_turn_back(P, bones[0]), seen)
             G[number] = P @ Q @ Q[rest].T
     return G
 
 
 def _directions(points: Floats, start: int, ends: Sequence[int]) -> list[Floats]:
-    """Return the directions (f, 3) from one landmark to each of others."""
+    """Return the unit vectors (f, 3) from one landmark to each landmark of `ends`."""
     return [_unit(points[:, :, end] - points[:, :, start]) for end in ends]
 
 
-def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
-    """Return the rotations (f, 3, 3) of a bone from its mean direction.
+def _rotate_bone(bone: Floats, following: Sequence[Floats]) -> Floats:
+    """Return the rotations (f, 3, 3) of a bone from its mean to its directions (f, 3).
 
-    They take it to its directions `bone` (f, 3), and turn it about itself as the bones
-    that follow do (their directions). The turn about the bone is the angle of sum_k
+    They also turn it about itself as the bones that follow do, whose directions (f, 3)
+    `following` lists. The turn about the bone is the angle of sum_k
     conj(mean b_k) b_k + w for the parts b_k, complex numbers, of the bones that follow
     across this one. w is their variance, and more where a bone goes against its mean: a
     thigh turns with its knee, a tail that bends both ways does not turn.
@@ -239,7 +239,7 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     return Q @ rotation_about(mean, np.angle(z + w))
 
 
-def _find_pose(
+def _find_pose_rotations(
     tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: RestPose
 ) -> Floats:
     """Return the rotations T (m, 3, 3) that turn the bones of each node to a pose.

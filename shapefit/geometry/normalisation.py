@@ -70,12 +70,12 @@ def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
-    """Centre points and scale them to the standard deviation 1, as lifting has them.
+    """Centre points (..., d, p) and scale them to the standard deviation 1.
 
-    (points - centroid) / std, see `std`. points (..., d, p), visible (..., p) bool or
-    None for all. Where the visible points coincide the scale is 0 and the normalised
-    points are not finite: the caller decides what that means. Source: released solver's
-    convention, see docs/method.md, Conventions.
+    (points - centroid) / std, see `std`. visible (..., p) bool or None for all. Where
+    the visible points coincide the scale is 0 and the normalised points are not finite:
+    the caller decides what that means. Source: released solver's convention, see
+    docs/method.md, Conventions.
     """
     middle = centroid(points, visible)
     centred = points - middle[..., None]
@@ -88,21 +88,18 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
 
 
 def metres_in(unit: str) -> float | None:
-    """Return the metres in a unit, such as "cm" or "Feet"; None if it is not known."""
+    """Return the length in metres of a unit, such as "cm"; None if it is unknown."""
     return METRES.get(unit.strip().lower())
 
 
 def as_metres(unit: str) -> tuple[float, str]:
-    """Return the factor that turns lengths of a unit into metres, and "m".
-
-    1 and the unit itself where it is not known.
-    """
+    """Return the factor from a unit to metres, and "m"; 1 and the unit if unknown."""
     metres = metres_in(unit)
     return (1.0, unit.strip()) if metres is None else (metres, "m")
 
 
 def _std(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
-    """Return `std` of points that are centred already."""
+    """Return the standard deviation, as `std` does, of points that are centred."""
     deviation: Floats
     with np.errstate(over="ignore"):
         if visible is None:

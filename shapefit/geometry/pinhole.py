@@ -46,7 +46,7 @@ PATH_STATIONS = 17
 """Points from the axis on at which a lens is checked not to bend back."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
     """The pinhole cameras of n images: u = centre + focal X_xy / (sign X_z).
 
@@ -62,21 +62,21 @@ class Camera:
     focal_sd: float = 0.0
 
     def take(self, images: NDArray[np.intp]) -> Camera:
-        """Return the cameras of some of the images."""
+        """Return the cameras of the images with these indices."""
         return replace(self, focal=self.focal[images], centre=self.centre[images])
 
     def normalised_as(self, landmarks: Normalised) -> Camera:
-        """Return the camera in the unit of landmarks after their normalisation."""
+        """Return the cameras in the unit and origin of normalised landmarks."""
         size = landmarks.scale[:, None]
         centre = (self.centre - landmarks.centroid) / size
         return replace(self, focal=self.focal / size, centre=centre)
 
 
 def project_pinhole(camera: Camera, points: Floats) -> Floats:
-    """Return where a pinhole camera sees points: centre + focal X_xy / (sign X_z).
+    """Project points (n, 3, p) to images (n, 2, p): centre + focal X_xy / (sign X_z).
 
-    points (n, 3, p) in the camera's frame -> (n, 2, p); nan for a point that is not in
-    front of the camera.
+    The points are in the frames of the cameras; nan for a point that is not in front of
+    its camera.
     """
     depth = camera.sign * points[:, 2:]
     depth = np.where(depth > 0, depth, np.nan)
@@ -92,9 +92,9 @@ def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
 
 
 def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
-    """Return all coefficients (..., 8) of a lens, 0 for those that are not given.
+    """Pad the distortion coefficients of lenses with zeros: 4, 5 or 8 -> (..., 8).
 
-    coefficients (..., m), m = 4, 5 or 8; raises ValueError for others.
+    Raises ValueError for other numbers of coefficients.
     """
     given = np.asarray(coefficients, dtype=np.float64)
     if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt
@@ -104,11 +104,11 @@ def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
 
 
 def undistort(points: Floats, coefficients: Floats) -> Floats:
-    """Return the points (..., 2, p) that a lens without distortion would show.
+    """Undo a lens's distortion of points (..., 2, p) in the image plane at distance 1.
 
-    points (..., 2, p), distorted, in the image plane at distance 1; coefficients (...,
-    8). They are found by Newton's method, along the path from the axis on which the
-    lens turns nothing over. NaN where there are none: the model bends back before that.
+    coefficients (..., 8). Newton's method finds the points along the path from the axis
+    on which the lens turns nothing over. NaN where there are none: the model bends back
+    before that.
     """
     undistorted = np.array(points, dtype=np.float64)
     size = np.maximum(np.linalg.norm(undistorted, axis=-2), NEGLIGIBLE_LENGTH)
@@ -140,11 +140,10 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
 def distort(
     points: Floats, coefficients: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return where the distortion of a lens puts points, and the derivative of that.
+    """Distort points (..., 2, p) of the image plane at distance 1, with derivatives.
 
-    points (..., 2, p) of the image plane at distance 1; coefficients (..., 8). It is
-    dx/dx, dy/dy and dx/dy: the derivative is symmetric, since the model is the gradient
-    of a function of the plane.
+    Returns the points, dx/dx, dy/dy and dx/dy. coefficients (..., 8). dx/dy = dy/dx,
+    since the model is the gradient of a function of the plane.
     """
     each = np.moveaxis(coefficients, -1, 0)[..., None]
     k1, k2, p1, p2, k3, k4, k5, k6 = each
@@ -167,8 +166,8 @@ def distort(
 
 
 def is_assumed_focal(focal: ArrayLike, size: ArrayLike) -> bool:
-    """Whether focal lengths are the one that is assumed for images of this size.
+    """Whether focal lengths are what is assumed for images of this size, in pixels.
 
-    Both in pixels, of any shape; the largest of each counts.
+    Both of any shape; the largest of each counts.
     """
     return bool(np.isclose(np.max(focal), ASSUMED_FOCAL * np.max(size)))

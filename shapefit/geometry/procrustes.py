@@ -26,7 +26,7 @@ class Similarity(NamedTuple):
     translation: Floats
 
     def apply(self, points: Floats) -> Floats:
-        """Return points (..., 3, p) scaled, turned and moved."""
+        """Return points (..., 3, p) scaled, rotated and translated."""
         turned = self.rotation @ points
         return self.scale[..., None, None] * turned + self.translation[..., None]
 
@@ -70,8 +70,8 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     """
     source_middle = source.mean(axis=-1, keepdims=True)
     target_middle = target.mean(axis=-1, keepdims=True)
-    X = np.where(coincide(source)[..., None, None], 0.0, source - source_middle)
-    Y = np.where(coincide(target)[..., None, None], 0.0, target - target_middle)
+    X = np.where(are_coincident(source)[..., None, None], 0.0, source - source_middle)
+    Y = np.where(are_coincident(target)[..., None, None], 0.0, target - target_middle)
     R, scale = _scaled_rotation(X, Y)
     moved_middle = scale[..., None, None] * (R @ source_middle)
     translation = (target_middle - moved_middle)[..., 0]
@@ -95,25 +95,25 @@ def similarity_errors(
 
 
 def aligned_distances(estimate: Floats, truth: Floats) -> Floats:
-    """Return distances (n, p) of estimated points from true ones, after a similarity.
+    """Return distances (n, p) of estimated points from true ones, once aligned.
 
     |s R e_j + t - x_j| with the similarity s, R, t that minimises the sum of their
     squares. estimate e and truth x (n, 3, p); nan for landmarks that are not finite on
     one side, which do not count.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
-    e = _centred_unless_one(estimate, finite)
-    x = _centred_unless_one(truth, finite)
+    e = _centred_or_zero(estimate, finite)
+    x = _centred_or_zero(truth, finite)
     R, scale = _scaled_rotation(e, x)
     residual = scale[:, None, None] * (R @ e) - x
     distance = np.sqrt((residual**2).sum(axis=1))
     return np.where(finite, distance, np.nan)
 
 
-def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
-    """Return points (n, d, p) less the mean of the finite ones (n, p).
+def _centred_or_zero(points: Floats, finite: Flags) -> Floats:
+    """Centre points (n, d, p) on the mean of the finite ones; all 0 if these coincide.
 
-    0 for those that are not, and for all where the finite ones coincide.
+    Points that are not finite (n, p) become 0.
     """
     if finite.size:
         first = finite.argmax(axis=1)[:, None, None]
@@ -123,14 +123,14 @@ def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
     filled = np.where(
         finite[:, None], points, np.take_along_axis(points, first, axis=2)
     )
-    is_one_point = coincide(filled)[:, None, None]
+    is_one_point = are_coincident(filled)[:, None, None]
     return np.where(is_one_point, 0.0, centred(filled, finite))
 
 
-def coincide(points: Floats) -> Flags:
-    """Whether all points of a set (..., d, p) are one up to rounding: (...).
+def are_coincident(points: Floats) -> Flags:
+    """Return whether the points of each set (..., d, p) coincide up to rounding, (...).
 
-    A set without points is one, too.
+    True for a set without points.
     """
     if points.shape[-1] == 0:
         return np.ones(points.shape[:-2], dtype=np.bool_)
@@ -140,7 +140,7 @@ def coincide(points: Floats) -> Flags:
 
 
 def centred(points: Floats, finite: Flags) -> Floats:
-    """Return points (n, d, p) less the mean of the finite ones (n, p), 0 for others."""
+    """Centre points (n, d, p) on the mean of the finite ones (n, p), others being 0."""
     points = np.where(finite[:, None], points, 0.0)
     count = np.maximum(finite.sum(axis=-1), 1)
     mean = points.sum(axis=-1, keepdims=True) / count[:, None, None]
@@ -192,18 +192,17 @@ def generalised_procrustes(
 
 
 def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
-    """Return these landmarks (None: all) of shapes (..., 3, p), centred."""
+    """Select landmarks by index (None: all) of shapes (..., 3, p), and centre them."""
     chosen = shapes if landmarks is None else shapes[..., list(landmarks)]
     centred: Floats = chosen - chosen.mean(axis=-1, keepdims=True)
     return centred
 
 
 def mirror(shapes: Floats, mirror_index: MirrorIndex, lateral: int = 0) -> Floats:
-    """Return mirror images of shapes: left and right exchanged, the axis negated.
+    """Mirror shapes (..., 3, p): exchange left and right points, negate axis `lateral`.
 
-    shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0,
-    1, 2); mirror_index (p,): the partner of each point, itself for a point on the
-    plane.
+    The shapes are in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1,
+    2); mirror_index (p,): the partner of each point, itself for a point on the plane.
     """
     mirrored: Floats = shapes[..., mirror_index]
     mirrored[..., lateral, :] *= -1

@@ -20,7 +20,7 @@ def nearest_rotation(A: Floats) -> Floats:
 
 
 def complete_rotation(rows: Floats) -> Floats:
-    """Return the rotation (..., 3, 3) whose first two rows are nearest to given ones.
+    """Return the rotation (..., 3, 3) whose first two rows are nearest to `rows`.
 
     rows (..., 2, 3); the third row is the cross product of the others. The two rows are
     the polar factor of the input, so a positive multiple of two rows of a rotation
@@ -32,7 +32,7 @@ def complete_rotation(rows: Floats) -> Floats:
 
 
 def nearest_rows(rows: Floats) -> Floats:
-    """Return the two orthonormal rows nearest to given ones (..., 2, 3)."""
+    """Return the orthonormal rows (..., 2, 3) nearest to `rows` (..., 2, 3)."""
     U, _, Vt = np.linalg.svd(rows, full_matrices=False)
     nearest: Floats = U @ Vt
     return nearest
@@ -71,7 +71,7 @@ def rotation_about_axis(axis: int, angles: Floats) -> Floats:
 def exponential(turns: Floats) -> Floats:
     """Return the rotations (..., 3, 3) of rotation vectors (..., 3), in radians.
 
-    R = exp([omega]_x) of the turns omega.
+    R = exp([omega]_x) of the rotation vectors omega.
     """
     angle = np.linalg.norm(turns, axis=-1)[..., None, None]
     K = _cross_matrix(turns)
@@ -88,10 +88,10 @@ def _cross_matrix(vectors: Floats) -> Floats:
 
 
 def shortest_rotations(start: Floats, ends: Floats) -> Floats:
-    """Return the rotations (f, 3, 3) by the least angle from a direction to others.
+    """Return the smallest rotations (f, 3, 3) of a unit vector (3,) to others (f, 3).
 
-    R = I + K + K^2 / (1 + cos), K = [start x end]_x, of unit vectors start (3,) and
-    ends (f, 3). Between opposite ones it is half a turn about some axis across them.
+    R = I + K + K^2 / (1 + cos), K = [start x end]_x. Between opposite vectors it is
+    half a turn about some axis across them.
     """
     cosine = ends @ start
     K = _cross_matrix(np.cross(start, ends))

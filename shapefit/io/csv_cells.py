@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
 from io import StringIO
 from itertools import chain, islice
 from pathlib import Path
@@ -140,18 +139,17 @@ class SplitCells(Cells):
         self,
         lines: Integers,
         data: bytes,
+        words: NDArray[np.uint64],
         places: Mapping[str, tuple[Integers, Integers]],
     ) -> None:
-        """Take the text, and the first and last letters of the cells of each column."""
+        """Take the text, also as the core takes it, and where its cells are.
+
+        places: the first letters of the cells of each column, and the ends.
+        """
         super().__init__(lines, [*places])
         self._data = data
+        self._words = words
         self._places = places
-
-    @cached_property
-    def _words(self) -> NDArray[np.uint64]:
-        """The text as the core takes it: 64 bits a number, spaces after the end."""
-        size = -(-len(self._data) // WORD_BYTES) * WORD_BYTES
-        return np.frombuffer(self._data.ljust(size), np.uint64)
 
     def cell(self, column: str, row: int) -> str:
         """Return one cell."""
@@ -272,22 +270,20 @@ def split_cells(text: str, columns: Sequence[str], line: int) -> SplitCells | No
     if '"' in text or "\r" in text:
         return None
     data = text.removesuffix("\n").encode() + b"\n"
-    letters = np.frombuffer(data, np.uint8)
-    marks = np.flatnonzero((letters == ord(",")) | (letters == ord("\n")))
-    width = len(columns)
-    last = np.flatnonzero(letters[marks] == ord("\n"))
-    if not np.array_equal(last, np.arange(width - 1, len(marks), width)):
+    count = data.count(b"\n")
+    words = _as_words(data)
+    starts, ends = np.empty((2, len(columns), count), np.int64)
+    # Where the first cell is empty, the whole row may be.
+    if core.split_csv_lines(letters=words, starts=starts, ends=ends) < count:
         return None
-    starts = np.concatenate([[0], marks[:-1] + 1]).reshape(-1, width)
-    ends = marks.reshape(-1, width)
-    if (starts[:, 0] == ends[:, 0]).any():  # there may be an empty row
-        return None
-    lines = np.arange(line, line + len(ends))
-    places = {
-        column: (np.ascontiguousarray(starts[:, k]), np.ascontiguousarray(ends[:, k]))
-        for k, column in enumerate(columns)
-    }
-    return SplitCells(lines, data, places)
+    places = dict(zip(columns, zip(starts, ends, strict=True), strict=True))
+    return SplitCells(np.arange(line, line + count), data, words, places)
+
+
+def _as_words(data: bytes) -> NDArray[np.uint64]:
+    """Return a text as the core takes it: 8 letters a word, spaces after the end."""
+    size = -(-len(data) // WORD_BYTES) * WORD_BYTES
+    return np.frombuffer(data.ljust(size), np.uint64)
 
 
 def read_rows(

@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, runs
+from shapefit.arrays import Flags, Floats, split_runs
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
@@ -138,7 +138,7 @@ def _in_time(records: Items, numbered: bool, name: str) -> Items:
     if order is not None:
         records = records.take(order)
     rate = find_rate(records.frames, records.times)
-    return replace(records, frame_rate=rate)
+    return records if rate == records.frame_rate else replace(records, frame_rate=rate)
 
 
 def _read_unordered(path: Path, kind: str) -> Items:
@@ -330,6 +330,8 @@ class Table:
         self._parts = [(lines, item, landmark, *values)]
         place = item * np.int64(len(self._landmarks)) + landmark
         row = np.arange(len(lines))
+        if len(row) == places and np.array_equal(place, row):  # as most tables are
+            return np.stack(values)
         first = np.full(places, -1)
         first[place[::-1]] = row[::-1]
         again = np.flatnonzero(first[place] != row)
@@ -418,7 +420,7 @@ def _differ_in_items(cells: Cells, column: str, of_item: dict[str, str]) -> Flag
     texts_of_rows, texts = cells.texts(column)
     differ = np.zeros(len(items_of_rows), bool)
     is_new = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
-    for rows in runs(is_new, len(items_of_rows)):
+    for rows in split_runs(is_new, len(items_of_rows)):
         text = texts[texts_of_rows[rows.start]]
         first = of_item.setdefault(items[items_of_rows[rows.start]], text)
         differ[rows] = first != text

@@ -12,7 +12,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.geometry.procrustes import coincide
+from shapefit.geometry.procrustes import are_coincident
 from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
 from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
 from shapefit.io.layout import DICTIONARY, UNKNOWN_UNIT
@@ -97,7 +97,7 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     if vertices is not None:
         vertices = vertices.swapaxes(1, 2)
     check_mesh(place, len(names), fields["edges"], vertices, fields["mesh_faces"])
-    if coincide(mean):
+    if are_coincident(mean):
         raise input_error(
             place("mean_shape", None), "all its landmarks are at one point", AGAIN
         )

@@ -41,7 +41,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.options import RecordWriter
-from shapefit.records.columns import Array, held_columns
+from shapefit.records.columns import Array, present_columns
 from shapefit.records.items import Items
 
 CHUNK_BYTES = 1 << 18
@@ -361,7 +361,7 @@ def _as_stored(
         return {}, _dictionary_as_stored(record)
     rows = dict(record.extras)
     whole = dict(record.file_extras)
-    for column, value in held_columns(record):
+    for column, value in present_columns(record):
         stored = np.asarray(value, object) if column.is_text else np.asarray(value)
         if column.per_item:
             rows[column.name] = stored
@@ -387,14 +387,16 @@ def _encoded(name: str, texts: Array) -> Array:
 
     Raises InputError for a name with the character NUL, where HDF5 would cut it off.
     """
-    encoded = [
-        str(text).encode("utf-8", "backslashreplace")
-        for text in np.ravel(texts).tolist()
-    ]
-    with_nul = next((text for text in encoded if b"\0" in text), None)
+    given = np.ravel(texts).tolist()
+    # Names of sequences and reasons repeat, and each is encoded once.
+    utf_8 = {
+        text: str(text).encode("utf-8", "backslashreplace")
+        for text in dict.fromkeys(given)
+    }
+    with_nul = next((text for text in utf_8.values() if b"\0" in text), None)
     if with_nul is not None and name in NAMES:
         shown = printable(with_nul.decode("utf-8", "replace"))
         fault = f"the name '{shown}' has a character NUL, which HDF5 cannot hold"
         raise input_error(f"/{name}", fault, "rename it")
-    kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
-    return np.array(encoded, kind).reshape(texts.shape)
+    kind = h5py.string_dtype("utf-8", max(map(len, utf_8.values()), default=0) or 1)
+    return np.array([utf_8[text] for text in given], kind).reshape(texts.shape)

@@ -24,9 +24,9 @@ GZIP_SIGNATURE = b"\x1f\x8b"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
-BLOCK_BYTES = 1 << 16
-"""Of text that are read at a time; larger blocks leave the processor's cache and take
-longer.
+BLOCK_BYTES = 1 << 18
+"""Of text that are read at a time: with a quarter of them a table takes a tenth longer,
+and larger blocks leave the processor's cache.
 """
 
 WHOLE_BLOCK_BYTES = 1 << 20

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.arrays import Integers, runs
+from shapefit.arrays import Integers, split_runs
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.csv_file import Table
@@ -68,7 +68,7 @@ class LiveLandmarks:
         present: set[str] = set()
         for cells in self._table.blocks:
             items, _ = cells.texts("item")
-            for rows in runs(np.diff(items) != 0, len(items)):
+            for rows in split_runs(np.diff(items) != 0, len(items)):
                 of_run = cells.part(rows)
                 item = of_run.cell("item", 0)
                 landmarks = of_run.listed("landmark")

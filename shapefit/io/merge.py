@@ -13,7 +13,7 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.layout import EDGES, FRAME, TIME, UNKNOWN_UNIT
 from shapefit.io.names import check_numbering, numbers_of
-from shapefit.records.columns import Array, held_columns
+from shapefit.records.columns import Array, present_columns
 from shapefit.records.fit import Fit
 from shapefit.records.items import Direction, Items, Record
 from shapefit.records.landmarks import Landmarks
@@ -105,7 +105,7 @@ def _join_columns(heads: Sequence[Items]) -> dict[str, object]:
     extras: dict[str, Array] = {}
     file_extras: dict[str, Array] = {}
     for head in reversed(heads):
-        for column, value in held_columns(head):
+        for column, value in present_columns(head):
             changes[column.field] = value
         file_extras |= head.file_extras
     for head in heads:

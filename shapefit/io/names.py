@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +83,8 @@ def match_landmarks(
 
 def nearest_names(name: str, names: Sequence[str]) -> list[str]:
     """Return the up to three of the names that look most like a name."""
+    from difflib import get_close_matches  # for messages alone
+
     return get_close_matches(name, names, n=3, cutoff=0.5)
 
 

@@ -15,7 +15,7 @@ Direction = Literal["down", "up"]
 Markers = Literal["joints", "input"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class InputOptions:
     """How files are read: the keys of commands, the defaults take files as they are.
 

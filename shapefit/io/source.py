@@ -202,7 +202,7 @@ def write_shapes(path: Path, shapes: Shapes) -> None:
         writer.append(shapes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SourceFile(Generic[Record]):
     """One file of a source, of which some rows can be read.
 
@@ -860,7 +860,9 @@ def _apply_options(
 ) -> Record:
     """Return landmarks or shapes with landmarks renamed, hidden and selected."""
     names = renamed(record.landmark_names, options.rename, file.name)
-    record = replace(record.with_whole_points(), landmark_names=names)
+    record = record.with_whole_points()
+    if names != record.landmark_names:
+        record = replace(record, landmark_names=names)
     if isinstance(record, Landmarks) and options.min_confidence:
         record = without_doubtful(record, options.min_confidence)
     if options.landmarks is None:

@@ -40,16 +40,16 @@ MAX_SCALE = 1e100
 def normalise_visible(
     landmarks: Floats, weights: Floats
 ) -> tuple[Normalised, dict[int, str]]:
-    """Return the landmarks, centred and scaled, and why images cannot be lifted.
+    """Centre and scale visible landmarks; return also why images cannot be lifted.
 
     points = (landmarks - centroid) / scale, both of the visible landmarks; reasons by
-    image number. landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that
+    index of the image. landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that
     find_degenerate names have the points 0, and centroid and scale nan.
     """
     # find_degenerate names what is too large
     with np.errstate(over="ignore", invalid="ignore"):
         norm = normalise(landmarks, weights > 0)
-        doubtful = np.flatnonzero(~_far_from_degenerate(norm))
+        doubtful = np.flatnonzero(~_is_far_from_degenerate(norm))
     degenerate = find_degenerate(landmarks[doubtful], weights[doubtful])
     failures = {int(doubtful[row]): reason for row, reason in degenerate.items()}
     failed = list(failures)
@@ -59,8 +59,8 @@ def normalise_visible(
     return norm, failures
 
 
-def _far_from_degenerate(norm: Normalised) -> Flags:
-    """Return which images (n,) are surely fine: find_degenerate need not look."""
+def _is_far_from_degenerate(norm: Normalised) -> Flags:
+    """Return which images (n,) are clearly not degenerate, by three quick rules."""
     x = norm.points[:, 0]
     y = norm.points[:, 1]
     xx = np.einsum("np,np->n", x, x)
@@ -76,7 +76,7 @@ def _far_from_degenerate(norm: Normalised) -> Flags:
 
 
 def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
-    """Return why images cannot be lifted, by image number; those that can are absent.
+    """Return by index the images that cannot be lifted, with the reason for each.
 
     Visible landmarks are too few, on one point or line, too large or too close
     together. In float64. landmarks (n, 2, p), weights (n, p) with 0 = hidden.

@@ -56,9 +56,9 @@ def place_dependents(
     depends_on: Integers,
     residual_variance: float,
 ) -> Lifting[PosteriorEstimate]:
-    """Return the lifting with its dependent landmarks moved to where images show them.
+    """Move dependent landmarks, as feet, of lifted shapes to where images show them.
 
-    Its covariances must be there, and change with them. landmarks (n, 2, p) as
+    The lifting must have covariances, which change too. landmarks (n, 2, p) as
     observed; shown (n, p), which of them are; depends_on (p,), the landmark that each
     depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
     """
@@ -70,7 +70,7 @@ def place_dependents(
     scale = lifting.scale[:, None, None]
     is_seen = np.tile(shown[:, a] & shown[:, b], 2)
     R = _noise_of_differences(is_seen, np.concatenate([b, p + b]), residual_variance)
-    K = _gain(C, R, np.concatenate([a, p + a, 2 * p + a]))
+    K = _kalman_gain(C, R, np.concatenate([a, p + a, 2 * p + a]))
     residual = (landmarks - lifting.landmarks_fitted) / scale
     difference = residual[..., a] - residual[..., b]
     r = np.where(is_seen, difference.reshape(is_seen.shape), 0.0)
@@ -108,10 +108,11 @@ def _noise_of_differences(
     return R
 
 
-def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
-    """Return the gain K (n, 3a, 2a) by which residuals in x and y move x, y and z.
+def _kalman_gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
+    """Return the Kalman gain K (n, 3a, 2a) at the covariance C and the noise R.
 
-    C (n, 3p, 3p), R (n, 2a, 2a); dependent (3a,): rows of C of the a landmarks.
+    By which residuals in x and y move x, y and z. C (n, 3p, 3p), R (n, 2a, 2a);
+    dependent (3a,): rows of C of the a landmarks.
     """
     q = R.shape[1]
     rest = np.setdiff1d(np.arange(C.shape[1]), dependent)
@@ -126,7 +127,7 @@ def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
 def _covariance_of_placed(
     C: Floats, K: Floats, R: Floats, a: Indices, b: Integers
 ) -> Floats:
-    """Return the covariance (n, 3p, 3p) after landmarks `a` were placed from `b`.
+    """Return C (n, 3p, 3p) after landmarks `a` were placed from `b`, by the gain K.
 
     T C T^T + K R K^T, see above.
     """
@@ -144,12 +145,15 @@ def _covariance_of_placed(
 
 
 def combine_landmarks(
-    rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
+    rows: Floats,
+    shapes: Floats,
+    covariance: Floats | None,
+    added_sd: Floats | float = 0.0,
 ) -> Points:
-    """Return q points, each a weighted sum of landmarks, and what is known of errors.
+    """Return q weighted sums of landmarks, with standard deviations and correlations.
 
     rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which no
-    errors are known. sd (q,): standard deviation that a point has besides.
+    errors are known. added_sd (q,): standard deviation that a point has besides.
     """
     points = shapes @ rows.T
     if covariance is None:
@@ -165,7 +169,7 @@ def combine_landmarks(
         return block
 
     variance = np.maximum(np.stack([combined(a, a) for a in range(3)], axis=1), 0.0)
-    deviation: Floats = np.sqrt(variance + np.square(sd))
+    deviation: Floats = np.sqrt(variance + np.square(added_sd))
     with np.errstate(divide="ignore", invalid="ignore"):
         of_pairs = [
             combined(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS
@@ -177,10 +181,10 @@ def combine_landmarks(
 def as_joints(
     lifting: Lifting[PosteriorEstimate], A: Floats
 ) -> Lifting[PosteriorEstimate]:
-    """Return a lifting of landmarks y = A x with the joints x as its shapes.
+    """Convert a lifting of landmarks y = A x to one whose shapes are the joints x.
 
-    Error bars are theirs, too. The landmarks fitted stay those of y. Shapes stay about
-    the middle that those of y have.
+    Error bars are those of the joints. The landmarks fitted stay those of y. Shapes
+    stay about the middle that those of y have.
     """
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
     estimate = lifting.estimate

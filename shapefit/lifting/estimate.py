@@ -22,7 +22,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConvexProof:
     """What proves the optimum of the convex program for n images, in normalised units.
 
@@ -38,13 +38,13 @@ class ConvexProof:
 
     @classmethod
     def of(cls, solution: Solution) -> ConvexProof:
-        """Return the fields of a solution of the convex program that certify it."""
+        """Take the fields of a solution of the convex program that certify it."""
         return cls(
             **{field.name: getattr(solution, field.name) for field in fields(cls)}
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Estimate:
     """What every method estimates of n images, in normalised units.
 
@@ -84,7 +84,7 @@ class Estimate:
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AtomEstimate(Estimate):
     """What methods estimate that combine atoms, without a prior over shapes.
 
@@ -100,7 +100,7 @@ class AtomEstimate(Estimate):
     tight: Flags | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PosteriorEstimate(Estimate):
     """What methods estimate that weigh landmarks against a prior over shapes.
 
@@ -129,13 +129,12 @@ class PosteriorEstimate(Estimate):
     image_error: Floats | None = None
     sides_exchanged: Floats | None = None
 
-    def in_unit(
+    def scale_error_bars(
         self, factor: Floats | float = 1.0, divisor: Floats | float = 1.0
     ) -> PosteriorEstimate:
-        """Return the estimate with its error bars, and these alone, in another unit.
+        """Return the estimate with its error bars alone multiplied by factor / divisor.
 
-        Standard deviations times factor / divisor, variances times its square; each is
-        (n, 1, 1) or one number.
+        Covariances are multiplied by the square of it. Both are (n, 1, 1) or numbers.
         """
         covariance = self.covariance
         if covariance is not None:
@@ -169,7 +168,7 @@ class Placement(NamedTuple):
 def fit_translation(
     problem: Problem, projected: Floats, translation: Floats | None = None
 ) -> Placement:
-    """Return the translation at which projected shapes fit their landmarks best.
+    """Return the translations that fit projected shapes to landmarks, and residuals.
 
     argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2, the mean of W - S with the weights
     squared; a given T is kept, and its residuals are returned. S (n, 2, p); further
@@ -178,16 +177,19 @@ def fit_translation(
     squares = problem.weights[:, None] ** 2
     with np.errstate(invalid="ignore"):  # where nothing is seen
 
-        def centre(points: Floats) -> Floats:
+        def weighted_mean(points: Floats) -> Floats:
             mean: Floats = (squares * points).sum(axis=-1) / squares.sum(axis=-1)
             return mean
 
         left, W = problem.landmarks - projected[:, :2], problem.landmarks
-        T = centre(left) if translation is None else np.array(translation, np.float64)
+        if translation is None:
+            T = weighted_mean(left)
+        else:
+            T = np.array(translation, np.float64)
         half_squared_residual, whole = (
             0.5
             * (squares * (points - middle[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
-            for points, middle in ((left, T), (W, centre(W)))
+            for points, middle in ((left, T), (W, weighted_mean(W)))
         )
     share = np.divide(
         half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0
@@ -196,17 +198,18 @@ def fit_translation(
 
 
 def join_images(records: Sequence[Any], order: Integers) -> Any:
-    """Return one record of images from several of one type, its images in `order`.
+    """Join records of images, all of one type, into one with its images in `order`.
 
-    order numbers the images of all records, one record after the other. Arrays, tuples
-    and transforms in them, and in records and mappings that they hold, have the images
-    first; all else, and the atoms of a problem, are those of the first record.
+    order: the images by their indices in all records, one record after the other.
+    Arrays, tuples and transforms in them, and in records and mappings that they hold,
+    have the images first; all else, and the atoms of a problem, are those of the first
+    record.
     """
     first = records[0]
     if isinstance(first, np.ndarray):
         return np.concatenate(records)[order]
     if isinstance(first, Transforms):
-        return Transforms.joined(records).take(order)
+        return Transforms.concatenate(records).take(order)
     if isinstance(first, tuple):
         images = [image for record in records for image in record]
         return tuple(images[row] for row in order.tolist())

@@ -103,14 +103,14 @@ class DroppedCells(NamedTuple):
 
     @classmethod
     def allocate(cls, n: int, d: int) -> DroppedCells:
-        """Return arrays of zeros, into which a search writes d cells of n images."""
+        """Make arrays of zeros, into which a search writes d cells of n images."""
         return cls(np.zeros(n, np.int64), np.zeros((n, d, 4, 4)), np.zeros((n, d)))
 
 
 def limit_cells(k: int, p: int) -> int:
-    """Return after how many tests of cells the search of an image gives up.
+    """Return the number of cells after which a search of k atoms, p landmarks gives up.
 
-    For k atoms of p landmarks: fewer where these are many, for memory.
+    Fewer where these are many, for memory.
     """
     return min(MAX_SEARCH_CELLS, MAX_KEPT_NUMBERS // (8 * k + 2 * p))
 

@@ -75,7 +75,7 @@ class Program(NamedTuple):
     noise: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PerspectiveView:
     """Where the shapes of n images are before a perspective camera.
 
@@ -88,7 +88,7 @@ class PerspectiveView:
     camera: Camera
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Lifting(Generic[E]):
     """What lifting n images gives: shapes in the units of the landmarks, and the rest.
 
@@ -207,7 +207,7 @@ def choose_lambda(
 
 
 def noise_dual_norm(atoms: Floats) -> float:
-    """Return the mean lambda below which noise alone would switch an atom on.
+    """Return the mean lambda below which unit noise alone would activate an atom.
 
     E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard
     deviation. atoms (k, 3, p). The mean of seeded draws: the same for the same atoms.
@@ -221,10 +221,10 @@ def noise_dual_norm(atoms: Floats) -> float:
 
 
 def fail_nonfinite(lifting: Lifting[E]) -> Lifting[E]:
-    """Return the lifting with images marked as failed whose shape is not all finite.
+    """Mark the images of a lifting as failed whose shape is not all finite.
 
-    Those that had failed before stay as they are. They end with NUMERICAL_FAILURE and
-    without a shape (nan), whatever the solver says of them.
+    Those that had failed before stay as they are. The others end with NUMERICAL_FAILURE
+    and without a shape (nan), whatever the solver says of them.
     """
     broken = np.flatnonzero(~np.isfinite(lifting.shapes).all(axis=(1, 2))).tolist()
     broken = [image for image in broken if image not in lifting.failures]
@@ -265,7 +265,7 @@ class Group(NamedTuple):
 
 
 def merge(groups: Sequence[Group], atoms: Floats) -> Lifting[AtomEstimate]:
-    """Join the liftings of groups of images to one of all images, in their order.
+    """Merge the liftings of groups of images into one of all images, in their order.
 
     Each image is in one group. atoms (k, 3, p) are those that the groups took theirs
     from; they become those of the problem, and coefficients and transforms get k
@@ -292,7 +292,7 @@ def _pad(group: Group, k: int) -> Lifting[AtomEstimate]:
     c, M, proof = estimate.coefficients, estimate.transforms, estimate.convex_proof
 
     def of_all_atoms(transforms: Transforms) -> Transforms:
-        """Number the atoms of the group as in the whole dictionary."""
+        """Renumber the atoms of transforms as in the whole dictionary."""
         return replace(transforms, atom=group.atoms[transforms.atom], k=k)
 
     if c is not None:

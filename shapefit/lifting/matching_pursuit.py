@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Indices, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
-from shapefit.convex.span import weighted
+from shapefit.convex.span import centre_and_weight
 from shapefit.geometry.rotations import complete_rotation, nearest_rows
 from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.reconstruction import combine
@@ -139,14 +139,14 @@ def pursue(
     for rows, mask in divide_by_weights(problem.weights):
         if (mask > 0).sum() < 2:
             continue
-        w = weighted(problem.landmarks[rows], problem.weights[rows])
+        w = centre_and_weight(problem.landmarks[rows], problem.weights[rows])
         with np.errstate(over="ignore"):
             is_finite = np.isfinite((w**2).sum(axis=(1, 2)))
         status[rows[~is_finite]] = Status.NUMERICAL_FAILURE
         rows = rows[is_finite]
         if not len(rows):
             continue
-        B = weighted(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
+        B = centre_and_weight(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
         search = Search(w[is_finite], B, limbs)
         search.run(goal, change, max_atoms, max_rounds)
         coefficients[rows] = search.coefficients
@@ -191,9 +191,9 @@ class Search:
     """
 
     def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
-        """Begin with the mean, the first of shapes B (s, 3, p) with limbs (s, l).
+        """Begin to fit w (n, 2, p) by the mean, the first of shapes B (s, 3, p).
 
-        w (n, 2, p) and B are centred and multiplied by the weights.
+        limbs (s, l); w and B are centred and multiplied by the weights.
         """
         n = len(w)
         self.w = w
@@ -228,10 +228,10 @@ class Search:
     def fit_alternately(
         self, going: Indices, chosen: Indices, change: float, max_rounds: int
     ) -> None:
-        """Fit coefficients and camera in turn, until errors stand still, in place.
+        """Fit coefficients and cameras in turn, in place, until errors converge.
 
-        going: the images; chosen (r, m): the shapes that each mixes; change and
-        max_rounds as in `pursue`.
+        going (r,): indices of the images; chosen (r, m): those of the shapes that each
+        mixes; change and max_rounds as in `pursue`.
         """
         L = np.linalg.cholesky(self.limb_gram[chosen[:, :, None], chosen[:, None]])
         flat = self.B[chosen].reshape(*chosen.shape, -1)
@@ -255,11 +255,11 @@ class Search:
         self.coefficients[going[:, None], chosen] = mixed
 
     def add_atom(self, rows: Indices, chosen: Indices) -> tuple[Indices, Indices]:
-        """Choose one more atom for each image: that most like what is not yet fitted.
+        """Choose one more atom for each image: that most like its residual.
 
         That of the largest |<w - M S, M B_i>|, of those whose limbs are no mixture of
-        the chosen ones'. Returns the images that have one, and the shapes chosen for
-        them, the new one last.
+        the chosen ones'. Returns the indices of the images that have one, and of the
+        shapes chosen for them, the new one last.
         """
         S = np.einsum("ns,sap->nap", self.coefficients[rows], self.B)
         M = self.cameras(rows)
@@ -276,7 +276,7 @@ class Search:
         return rows[has_one], np.column_stack([chosen, atom])[has_one]
 
     def cameras(self, rows: Indices) -> Floats:
-        """Return the cameras M = diag(scale) R (r, 2, 3) of these images."""
+        """Return the cameras M = diag(scale) R (r, 2, 3) of the images `rows`."""
         M: Floats = self.scale[rows, :, None] * self.R[rows]
         return M
 
@@ -288,10 +288,11 @@ class Search:
         return Z, N
 
     def fit_camera(self, rows: Indices, y: Floats, Z: Floats, N: Floats) -> None:
-        """Fit rotations and scales of these images to S = sum_i y_i Q_i, in place.
+        """Fit rotations and scales of images `rows` to sum_i y_i Q_i of moments Z, N.
 
-        R is nearest to argmin_M ||w - M S||^2. The rotation stays where it fits better
-        than that, so that no error rises. Z and N as `moments` returns them.
+        In place. With S that sum R is nearest to argmin_M ||w - M S||^2. The rotation
+        stays where it fits better than that, so that no error rises. Z and N as
+        `moments` returns them.
         """
         D = np.einsum("nm,nmab->nab", y, Z)
         yy = (y[:, :, None] * y[:, None]).reshape(len(y), 1, -1)
@@ -306,7 +307,7 @@ class Search:
         self.error[rows] = np.maximum(left, 0.0)
 
     def mix(self, M: Floats, y: Floats, Z: Floats, N: Floats) -> Floats:
-        """Return the coefficients y (n, m) that fit best at the cameras M (n, 2, 3).
+        """Return the best coefficients y (n, m) for cameras M (n, 2, 3), moments Z, N.
 
         argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length; of two the one nearer to
         the given y. Z and N as `moments` returns them.
@@ -319,9 +320,9 @@ class Search:
 
 
 def least_squares(D: Floats, P: Floats) -> Floats:
-    """Return M (n, 2, 3), the least-squares solution of w = M S of least norm.
+    """Solve w = M S for M (n, 2, 3) by least squares, from D = w S^T and P = S S^T.
 
-    D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    The solution of least norm. D (n, 2, 3), P (n, 3, 3).
     """
     extent, axes = np.linalg.eigh(P)
     has_extent = extent > MIN_EXTENT_SHARE * extent[:, -1:]
@@ -332,10 +333,10 @@ def least_squares(D: Floats, P: Floats) -> Floats:
 
 
 def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """Return the best scales (n, 2) of x and y, and how much they lower the error (n,).
+    """Return the scales s (n, 2) that minimise ||w - diag(s) R S||^2, and gains (n,).
 
-    argmin_{s >= 0} ||w - diag(s) R S||^2, and how far that is below ||w||^2. R (n, 2,
-    3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    s >= 0; the gain is how far the minimum is below ||w||^2. R (n, 2, 3), rows of
+    rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
     """
     overlap = np.maximum((D * R).sum(axis=2), 0.0)
     extent = (R @ P * R).sum(axis=2)
@@ -346,10 +347,10 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 
 
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
-    """Return the y (n, m) on a sphere at which a quadratic function is least.
+    """Return the y (n, m) with ||y|| = radius that minimises y^T G y - 2 g^T y.
 
-    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`. G
-    (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
+    Of two the one nearer to `before`. G (n, m, m) symmetric, g and before (n, m). (G +
+    multiplier I) y = g, that matrix
     positive semidefinite: at the largest root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,

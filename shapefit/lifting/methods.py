@@ -50,9 +50,9 @@ class Need(NamedTuple):
 
 
 def find_fault_of_edges(dictionary: Dictionary) -> str:
-    """Say why the edges give a skeleton no size: none, or none with a length; else "".
+    """Say why edges have no length: there are none, or all have length 0; else "".
 
-    The dictionary must have edges.
+    The dictionary must have the array of edges.
     """
     assert dictionary.edges is not None  # check_needs
     if len(dictionary.edges) == 0:
@@ -95,7 +95,7 @@ class Method(NamedTuple):
 
     @property
     def needs_prior(self) -> bool:
-        """Whether it needs a prior over shapes."""
+        """Whether the method needs a prior over shapes."""
         return PRIOR in self.needs
 
 

@@ -68,7 +68,7 @@ def refine_view(
     dictionary: Dictionary,
     threads: int = 0,
 ) -> Lifting[AtomEstimate]:
-    """Refine rotation, translation and coefficients of n images before a camera.
+    """Refine rotation, translation and coefficients of a lifting before a camera.
 
     landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in
     the problem stay left out; what a robust loss labelled is seen, for labels are at
@@ -85,7 +85,7 @@ def refine_view(
     part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
     in_unit = camera.take(rows)
     nearby = in_unit.normalised_as(norm)
-    starts = find_rotations(old.rotation[rows], part, dictionary.mean_shape, threads)
+    starts = fill_in_rotations(old.rotation[rows], part, dictionary.mean_shape, threads)
     prior = mean_coefficients(dictionary.atoms, dictionary.mean_shape)
     refined = refine_perspective(
         part.landmarks, part.weights, part.atoms, nearby, starts, prior, threads=threads
@@ -104,7 +104,7 @@ def refine_view(
     fitted = norm.scale[:, None, None] * projected + norm.centroid[..., None]
 
     def at_all_images(values: Floats, rest: float = np.nan) -> Floats:
-        """Return values of all images: those of the refined ones, else `rest`."""
+        """Return the values (r, ...) at the r refined images, `rest` at the others."""
         every = np.full((len(landmarks), *values.shape[1:]), rest)
         every[rows] = values
         return every
@@ -146,10 +146,10 @@ def refine_view(
     )
 
 
-def find_rotations(
+def fill_in_rotations(
     known: Floats, problem: Problem, mean_shape: Floats, threads: int
 ) -> Floats:
-    """Return rotations (m, 3, 3): those known, else those of the mean shape's pose.
+    """Replace unknown rotations (m, 3, 3), nan, by those of the mean shape's pose.
 
     The identity where it has no pose.
     """
@@ -220,7 +220,7 @@ def refine_perspective(
 def place_in_depth(
     landmarks: Floats, weights: Floats, shape: Floats, camera: Camera, rotation: Floats
 ) -> Floats:
-    """Return t (n, 3) at which R S has about the size and place of the landmarks.
+    """Return translations (n, 3) that place R S at the size and middle of landmarks.
 
     That is where weak perspective puts it. The depth is that of the visible landmarks'
     middle; S (3, p), the rest as in `refine_perspective`.

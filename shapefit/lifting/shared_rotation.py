@@ -86,9 +86,9 @@ def _gap_to(bound: Floats, objective: Floats) -> Floats:
 def _removable_outliers(
     problem: Problem, outliers: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return the outliers (n, p) of images that can be lifted without theirs.
+    """Return the outliers (n, p), none of images that would be degenerate without them.
 
-    Other images keep theirs, as what is left of them is degenerate.
+    Such images are refined with all their landmarks.
     """
     weights = np.where(outliers, 0.0, problem.weights)
     removable = outliers.copy()
@@ -121,7 +121,7 @@ def alternate_from_mean(
     signed: bool = False,
     threads: int = 0,
 ) -> AtomEstimate:
-    """Fit shape and rotation by turns, from the pose of the mean shape.
+    """Fit shape and rotation alternately, from the pose of the mean shape.
 
     Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate"). The
     paper has one start; with more, the pose that fits best is the one to begin at.
@@ -161,9 +161,10 @@ def _alternate_or_restart(
     signed: bool,
     threads: int,
 ) -> AtomEstimate:
-    """Alternate from `starts`; where no atom fits there, from the mean shape's pose.
+    """Fit shape and rotation alternately from `starts`, else from the mean's pose.
 
-    Without coefficients there is no rotation to go on from, though another one may fit.
+    That is where no atom fits from `starts`: without coefficients there is no rotation
+    to go on from, though another one may fit.
     """
     first = _alternate(problem, starts, signed=signed, threads=threads)
     assert first.coefficients is not None
@@ -186,7 +187,7 @@ def _alternate_or_restart(
 def _alternate(
     problem: Problem, starts: Floats, *, signed: bool, threads: int
 ) -> AtomEstimate:
-    """Return the estimate that alternation from starts (n, s, 3, 3) finds."""
+    """Fit shape and rotation alternately from the rotations `starts` (n, s, 3, 3)."""
     end = alternate(problem, starts, signed=signed, threads=threads)
     return describe_shapes(
         problem,
@@ -276,10 +277,10 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
-    """Return the moments of shape and landmarks, all that a pose depends on.
+    """Return weighted moments S S^T (n, 3, 3) and W S^T (n, 2, 3) of shape, landmarks.
 
-    S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means; shape
-    S (3, p). Zero for an image without landmarks.
+    S Omega^2 S^T and W Omega^2 S^T about the weighted means, all that a pose depends
+    on; shape S (3, p). Zero for an image without landmarks.
     """
     squares = problem.weights[:, None] ** 2
     total = squares.sum(axis=-1)
@@ -294,7 +295,7 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 def find_pose(
     problem: Problem, shape: Floats, starts: int = STARTS, *, threads: int = 0
 ) -> Pose:
-    """Return rotation and size at which a shape fits the landmarks of an image best.
+    """Return the pose in which a shape (3, p) fits the landmarks of each image best.
 
     argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S
     (3, p). Trust regions start from so many even views, of which the first is the
@@ -339,7 +340,7 @@ def alternate(
     max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
-    """Fit coefficients and one rotation by turns, from given rotations: local minima.
+    """Fit coefficients and one rotation alternately from given rotations: local minima.
 
     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over Rbar
     Rbar^T = I (paper, eq. originalnoisy, with weights and translation). Each round
@@ -372,7 +373,7 @@ def alternate(
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
-    """Return the one rotation (n, 3, 3) nearest to all transforms of each image.
+    """Return the one rotation (n, 3, 3) nearest to all transforms M of each image.
 
     argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, nan
     where all M_i are 0: the projection on the deformable Stiefel manifold. For a given

@@ -192,18 +192,21 @@ def find_reasons(
     return reasons
 
 
-def contradicts(kappa: float, distance: float, trusted: float, doubtful: float) -> bool:
-    """Whether a sample contradicts the dictionary: the rule for files.
+def contradicts_dictionary(
+    kappa: float, distance: float, trusted_share: float, doubtful_share: float
+) -> bool:
+    """Whether these figures of a sample show that its file contradicts the dictionary.
 
     kappa of its hidden landmarks, nan where none could be predicted; distance, the
     median one of its images, see `median_distance`; shares of the sample that would be
     trusted with the bars that kappa leaves, and that is implausible or far from where
     it started.
     """
-    by_chance = trusted < LIMITS.min_trusted and doubtful > LIMITS.max_doubtful
+    has_few_trusted = trusted_share < LIMITS.min_trusted
+    by_chance = has_few_trusted and doubtful_share > LIMITS.max_doubtful
     is_predicted = kappa <= LIMITS.max_kappa  # nan is not
     is_unlike = distance > LIMITS.max_distance or not is_predicted
-    return by_chance or (is_unlike and trusted < LIMITS.mostly_trusted)
+    return by_chance or (is_unlike and trusted_share < LIMITS.mostly_trusted)
 
 
 def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
@@ -275,7 +278,7 @@ IMAGES_AT_ONCE = 128
 def expected_error(
     shapes: Floats, covariance: Floats, shown: Flags | None = None
 ) -> Floats:
-    """Return the mean distance (n,) of landmarks from the truth that is to be expected.
+    """Return the expected mean distance (n,) of landmarks from the truth, once aligned.
 
     After alignment by a similarity: `MEASURED_ERROR_SHARE` times E mean_j ||d_j|| of
     errors d ~ N(0, P C P). Translations, rotations and the scale move a shape S in
@@ -316,7 +319,7 @@ def expected_error(
 
 
 def _without_similarities(S: Floats, C: Floats) -> Floats:
-    """Return the covariance (n, p, 3, 3) of each landmark, similarities taken off.
+    """Return covariances (n, p, 3, 3) of landmarks: C without similarities of S.
 
     The blocks of P C P on its diagonal, see `expected_error`. With orthonormal
     directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T + Q (Q^T C Q)
@@ -336,7 +339,7 @@ def _without_similarities(S: Floats, C: Floats) -> Floats:
 
 
 def _directions_of_similarities(S: Floats) -> Floats:
-    """Return the directions (n, 3p, 7) in which similarities move shapes (n, 3, p)."""
+    """Return directions (n, 3p, 7) in which similarities move shapes S (n, 3, p)."""
     n, _, p = S.shape
     x, y, z = (S - S.mean(axis=2, keepdims=True)).transpose(1, 0, 2)
     zero = np.zeros_like(x)

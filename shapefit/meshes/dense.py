@@ -22,7 +22,7 @@ def transform_mesh(
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """Return the length (n,) of the unit of mixed shapes, by the sizes of their atoms.
+    """Return factors (n,) that make mixtures as large as their atoms are on average.
 
     (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i
     = 1, so that the shape of an image is as large as its atoms are on average: an image

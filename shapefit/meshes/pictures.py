@@ -153,7 +153,7 @@ class FittedImage(NamedTuple):
 
     @property
     def is_fitted(self) -> bool:
-        """Return whether there is a shape."""
+        """Whether the image has a shape: the fit has not failed."""
         return bool(np.isfinite(self.shape).all())
 
     @property
@@ -224,7 +224,7 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
 
 
 def write_title(axes: Axes, image: FittedImage, inches: float) -> None:
-    """Write the end of a title, and in red why the shape is not trusted."""
+    """Write the title of an image, and why it is not trusted, in the width `inches`."""
     letters = round(inches / LETTER_INCHES)
     doubt = f"  {printable(image.doubt)}" if image.doubt else ""
     title = printable(image.title)[-max(8, letters - len(doubt)) :]
@@ -436,7 +436,7 @@ def draw_landmarks(axes: Axes, image: FittedImage) -> LegendEntries:
 
 
 def draw_shape(axes: Axes, image: FittedImage, model: DrawnModel, turn: float) -> None:
-    """Draw the mesh, else the bones, else the points of a shape, as seen from a side.
+    """Draw the mesh, else the bones, else the points of a shape, seen from a side.
 
     The projection is orthographic: far ones first, and all of it inside the panel.
     """
@@ -464,7 +464,7 @@ def draw_shape(axes: Axes, image: FittedImage, model: DrawnModel, turn: float) -
 
 
 def viewer_frame(image: FittedImage, model: DrawnModel, turn: float) -> Floats:
-    """Return the matrix (3, 3) from the camera frame to the viewer's.
+    """Return the rotation (3, 3) from the camera frame to that of the viewer.
 
     In the viewer's x is right, y up and z towards the viewer, who walks around the
     shape by `turn` degrees and rises by `VIEW_TILT`.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
+from shapefit.dictionary.model import WHERE_MARKED, Dictionary, map_landmarks
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
@@ -55,7 +55,7 @@ def match_names(
     doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
-        dictionary = dictionary.marked({*names, *joints.markers})
+        dictionary = dictionary.drop_unmarked({*names, *joints.markers})
         joints = joints.restrict_to(dictionary.landmark_names)
     listed = dictionary.landmark_names
     unknown = [name for name in names if joints.names.get(name, name) not in listed]
@@ -139,7 +139,7 @@ class LandmarkMatch(NamedTuple):
         """Return the dictionary of detector landmarks y, at body proportions theta."""
         if not (self.has_displaced or self.has_dependents):
             return self.dictionary
-        return mapped(
+        return map_landmarks(
             self.dictionary, self.joints.to_landmarks(theta), self.joints.deviations()
         )
 

@@ -18,7 +18,7 @@ class Failure(NamedTuple):
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Counted:
     """A warning about some items, such as `12 images not optimal`, maybe with names."""
 

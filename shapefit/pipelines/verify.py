@@ -39,9 +39,9 @@ from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, remove_distortion
 from shapefit.pipelines.joints import find_joints, rename_to_joints
 from shapefit.pipelines.result import Failure, Numbers, Result, unreadable_file
 from shapefit.records import Fit, Landmarks
-from shapefit.records.columns import held_columns, in_columns
+from shapefit.records.columns import in_columns, present_columns
 from shapefit.threads import map_ahead
-from shapefit.timeline import frames_of
+from shapefit.timeline import parse_frame_range
 from shapefit.verification import certificate
 from shapefit.verification.certificate import CertifiedProgram, Claims, Numeric
 
@@ -486,7 +486,7 @@ def open_images(
         reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
         camera = fit.config.get("camera") or {}
         is_calibrated = camera.get("calibration") is not None
-        frames = frames_of(fit.config.get("frames"))
+        frames = parse_frame_range(fit.config.get("frames"))
         every = int(fit.config.get("every", 1))
     except (ValueError, AttributeError):
         fault = "does not state how its landmarks were read"
@@ -541,7 +541,7 @@ def check_chunk(
 def claimed_columns(result: Fit) -> dict[str, Numeric]:
     """Return name -> values of the columns of a result, points as (..., 3, p)."""
     columns: dict[str, Numeric] = dict(result.extras)
-    for column, value in held_columns(result):
+    for column, value in present_columns(result):
         values = np.asarray(value)
         columns[column.name] = in_columns(values) if column.has_points else values
     return columns

@@ -72,22 +72,22 @@ class Column(NamedTuple):
 
     @property
     def per_item(self) -> bool:
-        """Whether its rows belong to single items: it gets longer with more items."""
+        """Whether the column has rows for each item, rather than one value for all."""
         return self.axes[0] in ("n", "a")
 
     @property
     def has_points(self) -> bool:
-        """Whether it has one point a row: (n, p, d)."""
+        """Whether the column holds points, one landmark a row: (n, p, d)."""
         return self.axes[:2] in (("n", "p"), ("n", "i")) and len(self.axes) == 3
 
     @property
     def is_text(self) -> bool:
-        """Whether it holds texts."""
+        """Whether the column holds texts."""
         return self.kind in (Texts, Words)
 
     @property
     def noun(self) -> str:
-        """What its values are called in messages."""
+        """What the values of the column are called in messages, such as "numbers"."""
         if self.is_text:
             return "names"
         if self.kind == Flags:
@@ -96,7 +96,7 @@ class Column(NamedTuple):
 
     @property
     def is_integer(self) -> bool:
-        """Whether it holds whole numbers."""
+        """Whether the column holds whole numbers."""
         return self.kind == Integers
 
 
@@ -159,7 +159,7 @@ def column_by_name(cls: type) -> Mapping[str, Column]:
 def match_axes(
     axes: Sequence[str | int], shape: Sequence[int], sizes: dict[str, int]
 ) -> bool:
-    """Whether a shape matches axes; sizes of letters that are new are noted in `sizes`.
+    """Whether an array's shape matches axes such as n, p, 3; add new sizes to `sizes`.
 
     An axis is a size, or a letter, which has one size in all arrays of a record.
     """
@@ -173,25 +173,28 @@ def match_axes(
 
 
 def as_kind(column: Column, value: object) -> Array | Texts:
-    """Return a value in the type of a column: an array, or a tuple of texts.
+    """Convert a value to the type of a column: an array, or a tuple of texts.
 
     Raises TypeError or ValueError where it cannot be converted.
     """
     if column.kind == Texts:
-        return value if isinstance(value, tuple) else tuple(map(str, _each(value)))
+        return value if isinstance(value, tuple) else tuple(map(str, _elements(value)))
     if column.kind == Words:
         return np.asarray(value, object)
     if column.kind == Singles:
         numbers = np.asarray(value)
         return numbers if numbers.dtype.kind == "f" else numbers.astype(np.float32)
     if column.kind == Floats:
+        numbers = np.asarray(value)
+        if numbers.dtype == np.float64:
+            return numbers
         with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
-            return np.asarray(value, np.float64)
+            return numbers.astype(np.float64)
     return _as_whole_numbers(np.asarray(value), np.int64 if column.is_integer else bool)
 
 
 def _as_whole_numbers(values: Array, dtype: type) -> Array:
-    """Return values as whole numbers or flags (dtype), unchanged in value.
+    """Convert values exactly to whole numbers or flags (dtype).
 
     Raises ValueError where that cannot be: fractions are no indices, and 2 is no flag.
     """
@@ -204,7 +207,7 @@ def _as_whole_numbers(values: Array, dtype: type) -> Array:
     return converted
 
 
-def _each(value: object) -> Sequence[object]:
+def _elements(value: object) -> Sequence[object]:
     """Return the elements of a sequence or an array. Raises TypeError for others."""
     if isinstance(value, np.ndarray):
         values: list[object] = value.tolist()
@@ -220,34 +223,54 @@ def complete(record: Items) -> None:
     Raises InputError for what is no array of numbers, and for other shapes.
     """
     sizes: dict[str, int] = {}
-    points = type(record).POINTS
-    # The points say how many items and landmarks there are, and the rest must agree.
-    columns = sorted(columns_of(type(record)), key=lambda one: one.field != points)
-    for column in columns:
+    for column in _points_first(type(record)):
         value = getattr(record, column.field)
         if value is None or (column.kind == Texts and not len(value)):
             continue
-        field = column.field
-        place = field if field == points else f"{points}.{field}"
         try:
             converted = as_kind(column, value)
         except (TypeError, ValueError):
-            raise input_error(
-                place, f"is no array of {column.noun}", f"give {column.noun}"
-            ) from None
-        shape = np.shape(converted) if isinstance(converted, np.ndarray) else ()
-        if isinstance(converted, tuple):
-            shape = (len(converted),)
-        expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
+            fault = f"is no array of {column.noun}"
+            fix = f"give {column.noun}"
+            raise input_error(_place_of(column, record), fault, fix) from None
+        shape: tuple[int, ...] = (len(converted),)
+        if isinstance(converted, np.ndarray):
+            shape = converted.shape
+        sizes_before = dict(sizes)
         if not match_axes(column.axes, shape, sizes):
+            expected = tuple(sizes_before.get(str(axis), axis) for axis in column.axes)
             row = ", one landmark per row" if column.axes[-2:-1] == ("p",) else ""
             fix = f"it must be {expected}".replace("'", "") + row
-            raise input_error(place, f"has the shape {shape}", fix)
-        object.__setattr__(record, field, converted)
+            fault = f"has the shape {shape}"
+            raise input_error(_place_of(column, record), fault, fix)
+        if converted is not value:
+            object.__setattr__(record, column.field, converted)
+
+
+_POINTS_FIRST: dict[type, tuple[Column, ...]] = {}
+
+
+def _points_first(cls: type[Items]) -> tuple[Column, ...]:
+    """Return the columns of a class of records, its points before the others.
+
+    The points say how many items and landmarks there are, and the rest must agree.
+    """
+    if cls not in _POINTS_FIRST:
+        columns = columns_of(cls)
+        _POINTS_FIRST[cls] = tuple(
+            sorted(columns, key=lambda column: column.field != cls.POINTS)
+        )
+    return _POINTS_FIRST[cls]
+
+
+def _place_of(column: Column, record: Items) -> str:
+    """Return the name of a field in messages, such as `landmarks.confidence`."""
+    points = type(record).POINTS
+    return points if column.field == points else f"{points}.{column.field}"
 
 
 def in_columns(points: Floats) -> Floats:
-    """Return points (n, p, d) as (n, d, p), one landmark a column, also in memory.
+    """Return points (n, p, d) as a contiguous (n, d, p), one landmark a column.
 
     Sums round by the order in memory: what is computed must not depend on who made the
     array.
@@ -255,7 +278,7 @@ def in_columns(points: Floats) -> Floats:
     return np.ascontiguousarray(points.swapaxes(1, 2))
 
 
-def held_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
+def present_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
     """Yield the columns of a record that are not None, with their values."""
     for column in columns_of(type(record)):
         value = getattr(record, column.field)
@@ -264,12 +287,12 @@ def held_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
 
 
 def take_rows(record: Items, rows: NDArray[np.integer] | slice) -> dict[str, object]:
-    """Return those fields of a record that change where only some items are kept.
+    """Return the item-wise fields of a record for the items `rows` alone, by name.
 
-    By name, for `replace`; transforms go with their image.
+    For `replace`; transforms go with their image.
     """
     changes: dict[str, object] = {}
-    for column, value in held_columns(record):
+    for column, value in present_columns(record):
         if column.axes[0] == "n":
             changes[column.field] = _take(value, rows)
         elif column.axes[0] == "a":
@@ -291,7 +314,7 @@ def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Te
 def _take_counted(
     value: Array, count: Integers, rows: NDArray[np.integer] | slice
 ) -> Array:
-    """Return the rows of an array that belong to some items, with `count` (n,) each."""
+    """Return the rows of an array that belong to items `rows`, of `count` (n,) each."""
     ends = np.cumsum(count)
     taken = np.arange(len(count))[rows]
     ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]
@@ -300,7 +323,7 @@ def _take_counted(
 
 
 def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:
-    """Return the arguments that make a record of columns given by their names in files.
+    """Return the keyword arguments of a record from its columns by name in files.
 
     Columns that the class does not list become `extras`; those that are None are left
     out.

@@ -14,14 +14,14 @@ from shapefit.errors import input_error
 def order_by_frame(
     sequences: Sequence[str] | None, frames: Integers | None
 ) -> NDArray[np.intp] | None:
-    """Return the order (n,) that sorts items by frame, sequence by sequence.
+    """Return the indices (n,) that sort items by frame, sequence by sequence, or None.
 
-    None where frames rise as they stand, and without sequences or frames. Items of no
+    None where the frames rise already, and without sequences or frames. Items of no
     sequence, "", stay in their order.
     """
     if sequences is None or frames is None:
         return None
-    which, places = _places(sequences, frames)
+    which, places = _number_sequences(sequences, frames)
     together = np.argsort(which, kind="stable")
     same = np.diff(which[together]) == 0
     if not (same & (np.diff(places[together]) < 0)).any():
@@ -38,7 +38,7 @@ def check_frames(
     """Raise InputError at the place where a sequence has two items in one frame."""
     if sequences is None or frames is None:
         return
-    which, places = _places(sequences, frames)
+    which, places = _number_sequences(sequences, frames)
     order = np.lexsort((places, which))
     again = (np.diff(which[order]) == 0) & (np.diff(places[order]) == 0)
     for row in np.flatnonzero(again).tolist():
@@ -48,10 +48,10 @@ def check_frames(
             raise input_error(place, problem, "keep one pose of a body per frame")
 
 
-def _places(
+def _number_sequences(
     sequences: Sequence[str], frames: Integers
 ) -> tuple[NDArray[np.intp], Integers]:
-    """Return the number of each item's sequence (n,), and its frame (n,).
+    """Return the number of the sequence (n,) and the frame (n,) of each item.
 
     The frame of an item without a sequence, "", is 0.
     """

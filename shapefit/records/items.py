@@ -19,8 +19,8 @@ from shapefit.records.columns import (
     Unit,
     column_by_name,
     complete,
-    held_columns,
     in_columns,
+    present_columns,
     take_rows,
 )
 from shapefit.records.names import all_composed
@@ -67,7 +67,7 @@ class Items:
     """What is stored with the file, such as how it was made."""
 
     def __post_init__(self) -> None:
-        """Raise InputError where what is given is no array, or axes disagree."""
+        """Convert the fields to their types; InputError where one does not fit."""
         complete(self)
         set_field = object.__setattr__
         set_field(self, "landmark_names", all_composed(self.landmark_names))
@@ -109,11 +109,13 @@ class Items:
         """Return some items, in the order of `rows`; a slice copies nothing."""
         if not isinstance(rows, slice):
             rows = np.arange(len(self))[rows]
+        elif rows.indices(len(self)) == (0, len(self), 1):
+            return self
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:
         """Return the record with these fields changed; None takes a field out."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+        return replace(self, **changes) if changes else self  # type: ignore[arg-type]
 
     def as_columns(self) -> Floats:
         """Return the points as (n, d, p), one landmark a column, see `in_columns`."""
@@ -125,7 +127,7 @@ class Items:
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def with_whole_points(self) -> Self:
-        """Return the record; landmarks with one nan coordinate become nan."""
+        """Return the record with points all nan where one of their coordinates is."""
         unknown = np.isnan(self.points)
         if not unknown.any():
             return self
@@ -144,7 +146,7 @@ class Items:
 
     @property
     def lines(self) -> Integers | None:
-        """Return the edges (l, 2) whose both ends are landmarks; None without edges."""
+        """Return the edges (l, 2) between landmarks that the record has, else None."""
         if self.edges is None:
             return None
         count = len(self.landmark_names)
@@ -165,7 +167,7 @@ class Items:
         """
         columns = {
             column.name: np.asarray(value)
-            for column, value in held_columns(self)
+            for column, value in present_columns(self)
             if column.axes[0] == "n" and column.kind != Texts
         }
         return columns | dict(self.extras)
@@ -173,7 +175,7 @@ class Items:
     def column_names(self) -> set[str]:
         """Return the names in files of all columns and extra datasets there are."""
         return {
-            *(column.name for column, _ in held_columns(self)),
+            *(column.name for column, _ in present_columns(self)),
             *self.extras,
             *self.file_extras,
         }
@@ -198,7 +200,7 @@ class Items:
         """Return the record without the columns and extra datasets of these names."""
         changes: dict[str, object] = {
             column.field: None
-            for column, _ in held_columns(self)
+            for column, _ in present_columns(self)
             if column.name in names
         }
         for kind in ("extras", "file_extras"):
@@ -219,7 +221,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
     if len(parts) == 1:
         return first
     changes: dict[str, object] = {}
-    for column, value in held_columns(first):
+    for column, value in present_columns(first):
         if not column.per_item:
             continue
         values = [getattr(part, column.field) for part in parts]

@@ -38,5 +38,5 @@ class Landmarks(Items):
         return np.where(placed, confidence, 0.0)
 
     def visible(self) -> Flags:
-        """Return which landmarks (n, p) have a place and a confidence above 0."""
+        """Return which landmarks (n, p) have a position and a confidence above 0."""
         return self.weights() > 0

@@ -15,6 +15,6 @@ def as_composed(text: str) -> str:
 
 
 def all_composed(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts in Unicode's composed form, which those of ASCII alone have."""
+    """Return texts in Unicode's composed form, see `as_composed`."""
     whole = tuple(texts)
     return whole if "".join(whole).isascii() else tuple(map(as_composed, whole))

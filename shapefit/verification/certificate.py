@@ -108,11 +108,11 @@ class ProgramImages(NamedTuple):
 def check_certificate(
     columns: ImageColumns, program: CertifiedProgram, claims: Claims
 ) -> Flags:
-    """Recompute the certificates of n images; return which images (n,) have one.
+    """Check the certificates of n images; return which images (n,) have one.
 
     A certificate is the dual point, the objective, its gap, and the shape that these
-    belong to; an image whose gap is nan has none. Where a recomputed number differs
-    from what the file states, that is noted in `claims`.
+    belong to; an image whose gap is nan has none. All are computed again. Where a
+    number differs from what the file states, that is noted in `claims`.
     """
     images = normalise_images(columns, program)
     k, _, p = program.atoms.shape
@@ -158,8 +158,8 @@ def check_refined(
 ) -> None:
     """Check shapes with one rotation, their objective and its gap to the bound D (n,).
 
-    By claims that they are what coefficients and rotations give; gaps are claimed of
-    the images `where` (n,).
+    They must be what coefficients and rotations give; gaps are checked of the images
+    `where` (n,).
     """
     k, _, p = program.atoms.shape
     c = columns["coefficients"]
@@ -179,7 +179,7 @@ def build_transforms(
 ) -> tuple[Floats, Floats]:
     """Return the transforms M (n, k, 2, 3) of a result and their spectral norms (n, k).
 
-    Claims that they are finite; those that are not count as 0.
+    Checks that they are finite; those that are not count as 0.
     """
     image = np.repeat(np.arange(n), columns["transform_count"])
     # Of an atom that is not there another one is taken, with which the objective is
@@ -198,7 +198,7 @@ def build_transforms(
 
 
 def stated_gap(columns: ImageColumns, program: CertifiedProgram) -> Floats:
-    """Return the relative gap (n,) that is stated of the convex program."""
+    """Return the relative gap (n,) of the convex program that a result states."""
     name = "convex_relative_gap" if program.refined else "relative_gap"
     return np.asarray(columns[name])
 
@@ -237,7 +237,7 @@ def objective(
     total: Floats,
     program: CertifiedProgram,
 ) -> tuple[Floats, Floats]:
-    """Return the objective P (n,) of projected shapes, and the size of its terms (n,).
+    """Return the objective P (n,) of projections X moved by T, and its scale (n,).
 
     X (n, 2, p), the projections, at the translations T (n, 2); total (n,), the sum of
     the norms of transforms. Differences are to be compared with the size: P and the
@@ -266,9 +266,9 @@ def check_dual(
     claims: Claims,
     where: Flags,
 ) -> Floats:
-    """Return the bound D (n,) of dual points Y (n, 2, p), and claim they are feasible.
+    """Check that dual points Y (n, 2, p) are feasible; return their bounds D (n,).
 
-    That is claimed of the images `where` (n,).
+    They are checked for the images `where` (n,).
     """
     n, _, p = Y.shape
     k = len(program.atoms)
@@ -309,7 +309,7 @@ def check_gap(
     claims: Claims,
     where: Flags,
 ) -> None:
-    """Claim that stated objectives and gaps are P and (P - D) / P, computed again.
+    """Check that stated objectives and gaps are P and (P - D) / P, computed again.
 
     objective: P and the size of its terms; D, the bound; stated: objective and gap as
     the result has them, (n,) each; prefix of their names; where: images with a gap.
@@ -334,7 +334,7 @@ def check_shapes(
     T: Floats,
     claims: Claims,
 ) -> None:
-    """Claim that coefficients, scale, translation and shapes are those computed again.
+    """Check coefficients, scale, translation and shapes of a result against c, S, T.
 
     c (n, k), the coefficients; S (n, 3, p) and T (n, 2), shapes and translations in
     normalised units, which the landmarks' size and centroid bring into their own.
@@ -401,10 +401,11 @@ class Claims:
         tolerance: ArrayLike = CLAIM_TOLERANCE,
         where: Flags | None = None,
     ) -> None:
-        """Claim that differences (n, ...) are at most `tolerance` (n,), and not nan.
+        """Check the claim that differences (n, ...) are at most `tolerance` (n,).
 
-        Images for which it is false join `missed`. text: the claim in words; where
-        (n,): the images of which it is claimed, by default those with a shape.
+        Images for which it is false, as for nan, join `missed`. text: the claim in
+        words; where (n,): the images of which it is claimed, by default those with a
+        shape.
         """
         if where is None:
             where = self.fitted
@@ -417,7 +418,7 @@ class Claims:
         self.missed |= false
 
     def hold(self, text: str, holds: ArrayLike, where: Flags | None = None) -> None:
-        """Claim that `holds` (n, ...) is true throughout; text and of as in `near`."""
+        """Check the claim that `holds` (n, ...) is true; the rest as in `near`."""
         self.near(text, np.where(holds, 0.0, np.inf), 0.0, where)
 
 
@@ -431,7 +432,7 @@ def largest_of_images(values: Floats) -> Floats:
 
 
 def check_ranges(columns: ImageColumns, claims: Claims) -> None:
-    """Claim that numbers are in their `RANGES`, rotations proper, shapes whole or nan.
+    """Check that numbers are in their `RANGES`, rotations proper, shapes whole or nan.
 
     And that the status says whether there is a shape.
     """

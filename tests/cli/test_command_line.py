@@ -11,7 +11,7 @@ from shapefit.cli import main
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
-from shapefit.config.reference import rows
+from shapefit.config.reference import describe_keys
 from shapefit.pipelines import verify
 from shapefit.pipelines.result import (
     Failure,
@@ -122,7 +122,7 @@ def test_without_a_browser_the_page_is_named(shapefit, written_page, monkeypatch
 def test_every_key_is_listed(shapefit, command):
     told = shapefit("config", command).out
     names = {line.split(":")[0] for line in told.splitlines() if line[0] != " "}
-    assert names == {row.name for row in rows(CONFIGS[command])}
+    assert names == {row.name for row in describe_keys(CONFIGS[command])}
 
 
 @pytest.mark.parametrize("command", CONFIGS)

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from shapefit.config import CONFIGS, dump_config, load_config
 from shapefit.config.loader import read_yaml
 from shapefit.config.paths import DICTIONARIES, find_presets
-from shapefit.config.reference import rows
+from shapefit.config.reference import describe_keys
 from shapefit.errors import InputError
 
 PRINTABLE = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), min_size=1)
@@ -215,7 +215,8 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
 
 def test_keys_are_few():
     listed = {
-        command: [row.name for row in rows(model)] for command, model in CONFIGS.items()
+        command: [row.name for row in describe_keys(model)]
+        for command, model in CONFIGS.items()
     }
     assert sum(map(len, listed.values())) <= 110
     assert len(listed["fit"]) <= 39
@@ -240,7 +241,7 @@ def test_every_key_that_is_printed_is_listed(command):
     }
     config = load_config(command, None, (), {}, placeholders=absent)
     printed = YAML(typ="safe").load(dump_config(config))
-    listed = {row.name for row in rows(CONFIGS[command])}
+    listed = {row.name for row in describe_keys(CONFIGS[command])}
     assert {*leaves(printed)} - {"data"} <= listed
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.coding import flat, objectives, sparse_code
+from shapefit.dictionary.coding import flatten_shapes, objectives, sparse_code
 from shapefit.dictionary.learning import (
     learn_atoms,
     principal_components,
@@ -27,8 +27,8 @@ def duality_gaps(
     The dual is max D(Y) = <Y, S> - 1/2 ||Y||^2 subject to <B_i, Y> <= beta. Y = t R
     with the residual R and the best t >= 0 that is feasible.
     """
-    S = flat(shapes)
-    B = flat(atoms)
+    S = flatten_shapes(shapes)
+    B = flatten_shapes(atoms)
     R = S - coefficients @ B
     correlation = (R * S).sum(axis=1)
     energy = (R**2).sum(axis=1)
@@ -67,8 +67,8 @@ class TestOptimality:
     def test_kkt_certificate(self, coded, atoms):
         C = sparse_code(coded, atoms, PRICE)
 
-        residual = C @ flat(atoms) - flat(coded)
-        slope = residual @ flat(atoms).T + PRICE
+        residual = C @ flatten_shapes(atoms) - flatten_shapes(coded)
+        slope = residual @ flatten_shapes(atoms).T + PRICE
         assert (C >= 0).all()
         assert (slope >= -1e-11).all()
         assert_allclose(slope[C > 0], 0, atol=1e-11)
@@ -112,7 +112,7 @@ def test_certificate_with_hostile_atoms(rng, name, beta):
     assert (C >= 0).all()
     assert (gaps <= 1e-7 * energy).all()
     for used in C > 0:
-        rank = np.linalg.matrix_rank(flat(atoms)[used])
+        rank = np.linalg.matrix_rank(flatten_shapes(atoms)[used])
         assert rank == used.sum()  # atoms in use are independent
 
 
@@ -126,8 +126,8 @@ def test_the_tolerance_is_a_share_of_the_shape(coded, atoms, size):
 
     C = sparse_code(coded, resized, price, tolerance=0.1)
 
-    B = flat(resized)
-    slope = (C @ B - flat(coded)) @ B.T + price
+    B = flatten_shapes(resized)
+    slope = (C @ B - flatten_shapes(coded)) @ B.T + price
     squares = (B**2).sum(axis=1)
     best = np.maximum(C - slope / squares, 0)
     moves = np.abs(best - C) * np.sqrt(squares)

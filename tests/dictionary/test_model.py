@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import Dictionary, mapped
+from shapefit.dictionary.model import Dictionary, map_landmarks
 from shapefit.geometry.normalisation import normalise
 from tests.gaussians import covariance_of_root
 from tests.points import chain, edge_lengths
@@ -138,6 +138,6 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(
     growth = mean_square_lengths(behind) / mean_square_lengths(before)
     expected = dictionary_with_prior.edge_length * np.sqrt(growth)
 
-    found = mapped(dictionary_with_prior, A, np.zeros(4))
+    found = map_landmarks(dictionary_with_prior, A, np.zeros(4))
 
     assert_allclose(found.edge_length, expected, rtol=0.01)

@@ -36,7 +36,7 @@ def people():
 
 def test_it_has_the_joints_of_people(people):
     assert people.landmark_names == JOINTS
-    assert people.marked(()).landmark_names == PEOPLE
+    assert people.drop_unmarked(()).landmark_names == PEOPLE
 
 
 @pytest.mark.parametrize("skeleton", installed_skeletons().values())
@@ -54,7 +54,7 @@ def test_its_edges_are_those_of_the_skeleton(people):
 
 
 def test_edges_of_joints_that_all_bodies_have_are_a_tree(people):
-    edges = people.marked(()).edges
+    edges = people.drop_unmarked(()).edges
     find_bone_tree(edges, len(PEOPLE))
 
 

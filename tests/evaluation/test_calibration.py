@@ -11,7 +11,7 @@ from shapefit.evaluation.calibration import (
     SQUARED_RADII,
     ErrorBars,
     bar_scale_factors,
-    find_squares,
+    measure_error_bars,
     summarise_coverage,
 )
 from tests.gaussians import covariance_of_root, deviations_and_correlations
@@ -40,7 +40,7 @@ def find_levels(estimate, truth, *bars):
     widths.
     """
     unturned = np.tile(np.eye(3), (len(truth), 1, 1))
-    square, width = find_squares(estimate, truth, unturned, *bars)
+    square, width = measure_error_bars(estimate, truth, unturned, *bars)
     return chdtr(3, square), width
 
 

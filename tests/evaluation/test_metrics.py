@@ -70,39 +70,39 @@ class TestSimilarity:
         """A diagonal of length a = 3 beside b = 1 leaves s = (a + b) / (a^2 + b^2) =
         0.4 and distances 0.2 and 0.6.
         """
-        found = metrics.similarity(estimate[None], SQUARE[None])
+        found = metrics.similarity_error(estimate[None], SQUARE[None])
         assert_allclose(found, [error], atol=1e-12)
 
     def test_an_expected_error_is_in_the_unit_of_the_truth(self):
         truth = SQUARE[None]
-        found = metrics.expected(truth / 9, truth, np.array([0.4]))
+        found = metrics.convert_expected_error(truth / 9, truth, np.array([0.4]))
         assert_allclose(found, 3.6)
 
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
-        error = metrics.similarity(estimate, truth)
+        error = metrics.similarity_error(estimate, truth)
         assert error.min() > 0.1
-        assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
+        assert_allclose(metrics.similarity_error(moved(estimate, rng), truth), error)
 
     def test_the_truth_has_no_error(self, truth):
-        assert metrics.similarity(truth, truth).max() < 1e-12
+        assert metrics.similarity_error(truth, truth).max() < 1e-12
 
     def test_does_not_forgive_a_reflection(self, truth):
         mirrored = MIRROR @ truth
-        assert metrics.similarity(mirrored, truth).min() > 0.05
+        assert metrics.similarity_error(mirrored, truth).min() > 0.05
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth):
         pairs = zip(estimate[:5], truth[:5], strict=True)
         expected = [best_distance(*pair, turn=True) for pair in pairs]
-        error = metrics.similarity(estimate[:5], truth[:5])
+        error = metrics.similarity_error(estimate[:5], truth[:5])
         assert_allclose(error, expected, rtol=1e-5)
 
     @pytest.mark.parametrize("side", ["estimate", "truth"])
     def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, side):
         others = np.s_[:, :, 2:]
-        expected = metrics.similarity(estimate[others], truth[others])
+        expected = metrics.similarity_error(estimate[others], truth[others])
         lacking = {"estimate": estimate.copy(), "truth": truth.copy()}
         lacking[side][:, :, :2] = NAN
-        assert_allclose(metrics.similarity(**lacking), expected)
+        assert_allclose(metrics.similarity_error(**lacking), expected)
 
 
 QUARTER_TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -111,7 +111,7 @@ QUARTER_TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 def camera_error(estimate, truth, rotation):
     """Return the error of one image."""
-    (error,) = metrics.camera(estimate[None], truth[None], rotation[None])
+    (error,) = metrics.camera_error(estimate[None], truth[None], rotation[None])
     return error
 
 
@@ -136,7 +136,7 @@ class TestCamera:
         in_camera = R @ estimate
         pairs = zip(in_camera, R @ truth, strict=True)
         expected = [best_distance(*pair, turn=False) for pair in pairs]
-        assert_allclose(metrics.camera(in_camera, truth, R), expected, rtol=1e-5)
+        assert_allclose(metrics.camera_error(in_camera, truth, R), expected, rtol=1e-5)
 
     def test_an_inverted_estimate_is_not_flipped_by_a_negative_scale(self):
         error = camera_error(-SQUARE, SQUARE, np.eye(3))

@@ -9,8 +9,8 @@ import pytest
 from shapefit.evaluation.report import (
     ABSENT,
     decimals_of,
+    format_number,
     group_sequences,
-    number,
     parts_csv,
     report_csv,
     short_lines,
@@ -272,4 +272,4 @@ def test_the_largest_number_chooses_the_decimals_of_all(values, decimals):
     [(None, ABSENT), (NAN, ABSENT), (0.006, "0.01"), (12.0, "12.00")],
 )
 def test_numbers_are_shown_with_two_decimals_or_as_absent(value, shown):
-    assert number(value, 2) == shown
+    assert format_number(value, 2) == shown

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.procrustes import (
-    coincide,
+    are_coincident,
     generalised_procrustes,
     lateral_axis,
     mirror,
@@ -32,15 +32,15 @@ class TestCoincide:
     def test_up_to_four_roundings_of_their_size(self, roundings, together):
         points = np.full((3, 4), 7.0)
         points[1, 2] += roundings * np.spacing(7.0)
-        assert bool(coincide(points)) == together
+        assert bool(are_coincident(points)) == together
 
     def test_each_set_by_itself(self):
         sets = np.array([[[0.0, 0.0]], [[1.0, 2.0]]])
-        assert coincide(sets).tolist() == [True, False]
+        assert are_coincident(sets).tolist() == [True, False]
 
     def test_no_points_are_together(self):
         nothing = np.empty((2, 3, 0))
-        assert coincide(nothing).tolist() == [True, True]
+        assert are_coincident(nothing).tolist() == [True, True]
 
 
 class TestSimilarityTransform:

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import MAX_COORDINATE
-from shapefit.geometry.procrustes import coincide
+from shapefit.geometry.procrustes import are_coincident
 from shapefit.io import (
     landmark_writer,
     open_landmarks,
@@ -167,7 +167,7 @@ def dictionaries(draw):
     k = draw(st.integers(1, 3))
     p = draw(st.integers(2, 4))
     q = draw(st.integers(1, 3))
-    mean_shapes = numbers((3, p)).filter(lambda mean: not coincide(mean))
+    mean_shapes = numbers((3, p)).filter(lambda mean: not are_coincident(mean))
     names_of_atoms = st.lists(names, min_size=k, max_size=k).map(tuple)
     trace = numbers(draw(st.integers(0, 3)))
     return Dictionary(

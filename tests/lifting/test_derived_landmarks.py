@@ -30,7 +30,7 @@ OTHER_JOINTS = slice(0, 15)
 def people():
     """The dictionary with feet, without hands and spine."""
     whole = read_dictionary(find_dictionary("people"))
-    return whole.marked(("rtoe", "ltoe"))
+    return whole.drop_unmarked(("rtoe", "ltoe"))
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.lifting.trust import (
     MEASURED_ERROR_SHARE,
-    contradicts,
+    contradicts_dictionary,
     cover_mirror_image,
     expected_error,
     find_reasons,
@@ -111,7 +111,10 @@ def test_a_file_that_contradicts_the_dictionary(
 ):
     distances = np.full(images, distance)
     apart = median_distance(distances, np.full(images, visible))
-    assert contradicts(kappa, apart, trusted=0.3, doubtful=0.2) == wrong
+    assert (
+        contradicts_dictionary(kappa, apart, trusted_share=0.3, doubtful_share=0.2)
+        == wrong
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +128,7 @@ def test_a_file_that_contradicts_the_dictionary(
     ],
 )
 def test_what_would_be_trusted_of_a_file_counts(kappa, trusted, doubtful, wrong):
-    assert contradicts(kappa, 0.2, trusted, doubtful) == wrong
+    assert contradicts_dictionary(kappa, 0.2, trusted, doubtful) == wrong
 
 
 P = 12
@@ -163,7 +166,7 @@ def test_the_expected_error_is_that_of_draws(rng, root_of):
     errors = root @ rng.standard_normal((root.shape[1], draws))
     truths = shape + errors.T.reshape(draws, 3, P)
     estimates = np.repeat(shape[None], draws, axis=0)
-    measured = similarity(estimates, truths).mean()
+    measured = similarity_error(estimates, truths).mean()
 
     (found,) = expected_error(shape[None], (root @ root.T)[None])
 

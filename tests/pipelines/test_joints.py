@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config.paths import find_dictionary
-from shapefit.dictionary.model import Dictionary, mapped
+from shapefit.dictionary.model import Dictionary, map_landmarks
 from shapefit.errors import InputError
 from shapefit.io import (
     read_dictionary,
@@ -101,7 +101,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     detected = as_detected(images, skeleton)
     visible = arrange(rename_to_joints(detected, joints, "here"), names, "x", omit=True)
     mapped_file = tmp_path / "seen.h5"
-    write_dictionary(mapped_file, mapped(dictionary, A, joints.deviations()))
+    write_dictionary(mapped_file, map_landmarks(dictionary, A, joints.deviations()))
     result, last = lift(detected, skeleton=MEANS)
     direct, _ = lift(visible, mapped_file, save={"covariance": True})
     back = np.linalg.inv(A)

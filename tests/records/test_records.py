@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
-from shapefit.records.columns import columns_of, fields_from, held_columns
+from shapefit.records.columns import columns_of, fields_from, present_columns
 
 KINDS = ("shapes", "landmarks", "fit")
 
@@ -62,14 +62,14 @@ class TestTake:
         assert len(part) == len(numbers)
 
     def test_columns_of_items_have_their_rows(self, record, part, numbers):
-        for column, values in held_columns(record):
+        for column, values in present_columns(record):
             if column.axes[0] == "n":
                 taken = getattr(part, column.field)
                 assert_array_equal(taken, np.asarray(values)[numbers])
 
     def test_other_columns_stay(self, record, part):
         """But for lists of transforms, which go with their images."""
-        for column, values in held_columns(record):
+        for column, values in present_columns(record):
             if column.axes[0] not in ("n", "a"):
                 assert_array_equal(getattr(part, column.field), values)
 

@@ -34,7 +34,7 @@ from shapefit.lifting.methods import (
     Method,
     summarise,
 )
-from shapefit.timeline import frames_of
+from shapefit.timeline import parse_frame_range
 
 if TYPE_CHECKING:
     MethodName = str
@@ -45,8 +45,8 @@ else:
 
 
 def check_frames(text: str | None) -> str | None:
-    """Return a range of frames; ValueError for a text that is none."""
-    frames_of(text)
+    """Return a text that is a range of frames or None; else raise ValueError."""
+    parse_frame_range(text)
     return text
 
 
@@ -212,7 +212,7 @@ class FitConfig(MetresConfig):
 
 
 def find_conflict(fit: FitConfig) -> str | None:
-    """Return the key of a config that its method cannot use, and the fix; else None."""
+    """Say which key of a config its method cannot use, and how to fix it, else None."""
     if fit.method == AUTO:
         return None
     for fault, fix in list_conflicts(fit, METHODS[fit.method]):
@@ -246,7 +246,7 @@ def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
 
 
 def keys_of_priors(fit: FitConfig) -> list[str]:
-    """Return the keys of a config that only methods with a prior have."""
+    """Return the keys that a config sets and only methods with a prior have."""
     keys = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
     if "skeleton" in fit.model_fields_set and fit.skeleton is not None:
         keys.append("skeleton")
@@ -256,5 +256,5 @@ def keys_of_priors(fit: FitConfig) -> list[str]:
 
 
 def name_methods(suits: Callable[[Method], bool]) -> str:
-    """Return the methods whose row suits, as a message names them."""
+    """List in words the methods for which `suits` is true, for a message."""
     return listed(f"`method: {name}`" for name, row in METHODS.items() if suits(row))

@@ -106,7 +106,7 @@ Rotation = Annotated[tuple[RotationRow, RotationRow, RotationRow], FROM_LIST]
 
 
 def _check_view(view: str | Rotation) -> str | Rotation:
-    """Return the view; ValueError for rows that are not those of a rotation."""
+    """Return the view; raise ValueError for a matrix that is no rotation."""
     if not isinstance(view, str):
         R = np.array(view)
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:

@@ -38,7 +38,7 @@ struct SquaredResidual {
     double scale;
 };
 
-// Take R, proper, to a local minimum.
+// Move R, a proper rotation, to a local minimum of f; returns f and s there.
 SquaredResidual rotation_step(const ShapeMoments& moments, Rotation& R);
 
 }  // namespace shapefit

@@ -104,7 +104,7 @@ class Judgement:
 
 
 def evaluate_class(images: Images, state: ClassState) -> Judgement:
-    """Judge whether a class of shapes and its depth were learned, on some images.
+    """Judge on a sample of the images whether a class and its depth were learned.
 
     By the error of hidden landmarks, the evidence beyond a flat model, and two halves
     that agree. state: what was learned from all images.
@@ -138,10 +138,11 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
 
 
 def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
-    """Return `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`, of a class that is not flat.
+    """Return the verdict on depth: `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`.
 
-    gain: log evidence a landmark beyond a flat model; half_distance: of shapes learned
-    from each half of the images, in sizes of a shape; see `Judgement`.
+    Of a class that is not flat. gain: log evidence a landmark beyond a flat model;
+    half_distance: of shapes learned from each half of the images, in sizes of a shape;
+    see `Judgement`.
     """
     deforms = np.sqrt(model.covariance.trace()) / np.linalg.norm(model.mean)
     is_deep = gain > DEEP_GAIN
@@ -186,25 +187,25 @@ def flat_evidence(images: Images) -> float:
     return max(rolled.objective - price, upright.objective)
 
 
-def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
-    """Learn the flat model: all views the same but for a roll by the angles (n,).
+def flat_state(images: Images, landmarks: Floats, angle: Floats) -> ClassState:
+    """Learn the flat model: all views the same but for a roll by `angle` (n,).
 
-    W (n, 2, p): the landmarks, hidden ones filled in.
+    angle, in radians; landmarks (n, 2, p), hidden ones filled in.
     """
-    views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
-    start = first_state(images, W, views)
+    views = Views(rotation_about_axis(2, angle), np.zeros(len(landmarks)))
+    start = first_state(images, landmarks, views)
     *_, flat = improve(images, start, JUDGED_ROUNDS, turning=False)
     return flat
 
 
-def roll_angles(W: Floats) -> Floats:
+def roll_angles(landmarks: Floats) -> Floats:
     """Return the angles (n,) in radians by which images are rolled in their plane.
 
-    From their mean; W (n, 2, p), the landmarks, hidden ones filled in.
+    From their mean; landmarks (n, 2, p), hidden ones filled in.
     """
-    z = W[:, 0] + 1j * W[:, 1]
+    z = landmarks[:, 0] + 1j * landmarks[:, 1]
     mean = z[0]
-    angle: Floats = np.zeros(len(W))
+    angle: Floats = np.zeros(len(landmarks))
     for _ in range(ROLL_ROUNDS):
         angle = np.angle(z @ mean.conj())
         mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)
@@ -219,7 +220,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return the distance of learned shapes from those of half of the images alone.
+    """Return the mean distance of learned shapes from those of half the images alone.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where
@@ -245,7 +246,7 @@ def _mean_distance(X: Floats, Y: Floats) -> float:
 
 
 def penalty_of_views(images: Images, state: ClassState, axes: slice) -> float:
-    """Return what to subtract from the log evidence at fitted views (Occam factor).
+    """Return the Occam penalty of fitted views, to subtract from the log evidence.
 
     sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)), by Laplace's method for a uniform prior
     over the d axes; H is the information of a rotation about them, S = 8 pi^2 the size

@@ -28,12 +28,12 @@ from shapefit.dictionary.from_2d.model import (
     Gaussian,
     Images,
     Views,
-    ascent,
     change_inliers,
     choose_rows,
     hide_some,
     posterior_mean,
     split_ppca,
+    step_views,
     sum_covariances,
 )
 from shapefit.geometry.rotations import complete_rotation
@@ -79,7 +79,7 @@ IMAGES_AT_A_TIME = 16
 """What they take fits in the cache."""
 
 COMPLETION_ROUNDS = 30
-"""In which hidden landmarks are filled in; a factor more every three rounds."""
+"""In which hidden landmarks are fill_hidden in; a factor more every three rounds."""
 
 MAX_UPGRADE_ROUNDS = 30
 """Of Levenberg and Marquardt's method."""
@@ -154,12 +154,12 @@ def learn_class(images: Images) -> Iterator[ClassState]:
     yield from improve(images, first)
 
 
-def run_trial(images: Images, W: Floats, views: Views) -> ClassState:
-    """Return the state after `TRIAL_ROUNDS` rounds from a start, to judge it by.
+def run_trial(images: Images, landmarks: Floats, views: Views) -> ClassState:
+    """Learn for `TRIAL_ROUNDS` rounds from these views, and return the last state.
 
-    W (n, 2, p): the landmarks, hidden ones filled in; views: the start.
+    landmarks (n, 2, p): the landmarks, hidden ones filled in.
     """
-    state = first_state(images, W, views)
+    state = first_state(images, landmarks, views)
     for k in range(TRIAL_ROUNDS):
         state = learn_round(images, state, hold=k < HELD_ROUNDS)
     return state
@@ -176,7 +176,7 @@ def hidden_error(images: Images, hidden: Flags, state: ClassState) -> float:
 
 
 def predict(images: Images, state: ClassState) -> Floats:
-    """Return where the model has all landmarks (n, 2, p), hidden ones too."""
+    """Predict all landmarks (n, 2, p) of the images, hidden ones too, by the model."""
     expected = posterior_mean(images, state.views, state.model)
     shapes = replace(state, shapes=expected.shapes).in_camera
     placed: Floats = shapes[:, :2] + expected.translation[:, :, None]
@@ -190,7 +190,7 @@ def improve(
     *,
     turning: bool = True,
 ) -> Iterator[ClassState]:
-    """Yield the state after each further round, until the objective stands still.
+    """Learn in further rounds until the objective converges; yield each state.
 
     `rounds` at most. turning: whether views change, too, and not the model alone.
     """
@@ -205,17 +205,17 @@ def improve(
             return
 
 
-def first_state(images: Images, W: Floats, views: Views) -> ClassState:
-    """Return the state to start from: the rigid model of landmarks in these views.
+def first_state(images: Images, landmarks: Floats, views: Views) -> ClassState:
+    """Return the first state of learning: the rigid model of landmarks in these views.
 
-    W (n, 2, p): the landmarks, hidden ones filled in.
+    landmarks (n, 2, p): the landmarks, hidden ones filled in.
     """
-    n, _, p = W.shape
+    n, _, p = landmarks.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
-    solution = np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0]
+    solution = np.linalg.lstsq(A.reshape(2 * n, 3), landmarks.reshape(2 * n, p))[0]
     mean = np.asarray(solution, np.float64)
     mean = mean - mean.mean(axis=1, keepdims=True)
-    left = max(float(((W - A @ mean) ** 2).mean()), EXACT_NOISE**2)
+    left = max(float(((landmarks - A @ mean) ** 2).mean()), EXACT_NOISE**2)
     model = Gaussian(
         mean=mean,
         modes=np.zeros((3, p, 0)),
@@ -235,7 +235,7 @@ def first_state(images: Images, W: Floats, views: Views) -> ClassState:
 
 
 def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
-    """Take one round of learning: step the views, expect shapes, fit the model.
+    """Take one round of learning: step the views, infer the shapes, fit the model.
 
     With `hold` the views stay as they are. Blocks of images are taken side by side on
     all cores, and what adds up over them is added in their order.
@@ -279,7 +279,7 @@ class Expectation(NamedTuple):
 def expect(
     images: Images, state: ClassState, rows: slice, *, hold: bool
 ) -> Expectation:
-    """Return the posterior moments of some images, after a step of their views.
+    """Step the views of the images `rows`, and return the moments of their shapes.
 
     hold, whether views stay as they are: then there is no step. A step, and with or
     without it a change of outliers, is taken where it raises the log density.
@@ -297,7 +297,7 @@ def expect(
             doubted = change_inliers(block, expected.flip_gain)
         moved = views
         if not hold:
-            moved = ascent(views, expected, damping)
+            moved = step_views(views, expected, damping)
         then = posterior_mean(replace(block, outliers=doubted), moved, model)
         is_better = then.log_density > expected.log_density
         expected = choose_rows(is_better, then, expected)
@@ -318,7 +318,7 @@ def expect(
 
 
 def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
-    """Join what is expected of blocks of images; sums are taken in their order."""
+    """Concatenate expectations of blocks of images, and add their sums in order."""
     covariance = np.zeros_like(blocks[0].covariance)
     for block in blocks:
         covariance += block.covariance
@@ -339,7 +339,7 @@ def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
 def maximise_class(
     images: Images, model: Gaussian, expectation: Expectation
 ) -> Gaussian:
-    """Return the model that is likeliest, given what is expected of the images.
+    """Return the likeliest model, given the expected moments of the shapes of images.
 
     Its noise falls to `MIN_NOISE_FACTOR` of that of the model before at most.
     """
@@ -363,7 +363,7 @@ def maximise_class(
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
-    """Return the mean of values (n,) in each sequence, by its number."""
+    """Return the means of values (n,) by sequence, a number in `sequence` (n,)."""
     count = np.maximum(np.bincount(sequence), 1)
     means: Floats = np.bincount(sequence, values) / count
     return means
@@ -372,10 +372,11 @@ def sequence_means(values: Floats, sequence: Indices) -> Floats:
 def complete_landmarks(
     images: Images, rank: int, *, seek_outliers: bool = False
 ) -> tuple[Floats, Flags]:
-    """Return landmarks (n, 2, p), centred and filled in, and which are outliers (n, p).
+    """Fill in hidden landmarks by factors; return all, centred, and outliers (n, p).
 
-    Those that are hidden or outliers are where a matrix of `rank` leading factors has
-    them. Outliers are sought only with `seek_outliers`, by turns with the factors.
+    The landmarks (n, 2, p) that are hidden or outliers are where a matrix of `rank`
+    leading factors has them. Outliers are sought only with `seek_outliers`, by turns
+    with the factors.
     """
     w = images.landmarks
     is_there = images.weights > 0
@@ -383,7 +384,7 @@ def complete_landmarks(
     placed = np.zeros_like(w)
     rounds = COMPLETION_ROUNDS if seek_outliers or not is_there.all() else 0
     for k in range(rounds):
-        W, middle = filled(w, visible, placed)
+        W, middle = fill_hidden(w, visible, placed)
         flat = W.reshape(-1, W.shape[2])
         axes = np.linalg.eigh(flat.T @ flat)[1]
         leading = axes[:, -min(3 + k // 3, rank) :]
@@ -395,14 +396,14 @@ def complete_landmarks(
             far = (is_there & ~is_near).sum(axis=1)
             is_rare_pose = far > MAX_OUTLIER_SHARE * is_there.sum(axis=1)
             visible = is_there & (is_near | is_rare_pose[:, None])
-    return filled(w, visible, placed)[0], is_there & ~visible
+    return fill_hidden(w, visible, placed)[0], is_there & ~visible
 
 
-def filled(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
-    """Fill in hidden landmarks from `placed` (n, 2, p), and centre them all.
+def fill_hidden(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
+    """Fill in hidden landmarks of w (n, 2, p) from `placed` (n, 2, p), and centre all.
 
-    w (n, 2, p), the landmarks; placed, centred. Returns them, and the middle (n, 2, 1)
-    by which w and placed lie apart.
+    placed is centred. Returns the landmarks, and the middle (n, 2, 1) by which w and
+    placed lie apart.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
     offset = np.where(visible[:, None], w - placed, 0.0)
@@ -411,14 +412,14 @@ def filled(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
     return W - W.mean(axis=2, keepdims=True), middle
 
 
-def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
+def find_views(landmarks: Floats, ranks: tuple[int, ...]) -> list[Views]:
     """Return the views of all images by factorisation, one set for each rank.
 
-    W (n, 2, p): landmarks, centred, hidden ones filled in; ranks: numbers of factors,
+    landmarks (n, 2, p), centred, hidden ones filled in; ranks: numbers of factors,
     ascending, 3 or more.
     """
-    n, _, p = W.shape
-    U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
+    n, _, p = landmarks.shape
+    U = np.linalg.svd(landmarks.reshape(2 * n, p), full_matrices=False)[0]
     views = []
     L = (U * np.sqrt(2 * n / 3)).reshape(n, 2, -1)
     Q = rigid_upgrade(L[:, :, :3])
@@ -455,7 +456,7 @@ def rigid_upgrade(L: Floats) -> Floats:
 
 
 def upgrade(L: Floats, Q: Floats) -> Floats:
-    """Return Q (r, 3), improved, that turns r factors L (n, 2, r) into rotations.
+    """Improve Q (r, 3), which turns r factors L (n, 2, r) into rows of rotations.
 
     min over Q of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4 with a, b
     the rows of L Q: a local minimum, from the given Q on. Levenberg and Marquardt's

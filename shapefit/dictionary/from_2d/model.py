@@ -161,7 +161,7 @@ OfImages = TypeVar("OfImages", Views, Expected)
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Return the expectation step: posterior moments of the shapes in given views.
+    """Return the posterior moments of the shapes in the images, given their views.
 
     With `slopes` also the gradient and the information of the log density by the views.
     With U U^T = M^-1 all that is needed follows from V U, by landmark. The gradient is
@@ -202,7 +202,7 @@ def posterior_mean(
         _add_slopes_of_size(gradient, information, images, views, model)
     root = VU
     root -= (projected.s * model.rest)[:, None, None] * RP @ weighted
-    flip_gain = flip_gain_of(left, H, projected.v, images.visible)
+    flip_gain = find_flip_gain(left, H, projected.v, images.visible)
     return Expected(
         log_density=_log_density(images, views, model, projected, U, alpha),
         flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
@@ -254,7 +254,7 @@ def _project(images: Images, views: Views, model: Gaussian) -> _Projected:
 
 
 def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
-    """Return U (n, q + 2, q + 2), upper triangular, with U U^T = M^-1."""
+    """Return upper U (n, q + 2, q + 2), U U^T = (B^T diag(u, u) B + prior)^-1."""
     n, _, columns = B.shape
     uB = (u[:, None, :, None] * B.reshape(n, 2, u.shape[1], columns)).reshape(B.shape)
     M = uB.transpose(0, 2, 1) @ B
@@ -269,13 +269,13 @@ def _log_density(
     views: Views,
     model: Gaussian,
     projected: _Projected,
-    U: Floats,
-    alpha: Floats,
+    root: Floats,
+    weighted_residuals: Floats,
 ) -> Floats:
     """Return the log density (n,) of the images and of the sizes of their views."""
     visible = images.visible
-    log_density = -0.5 * (projected.r * alpha).sum(axis=(1, 2))
-    log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
+    log_density = -0.5 * (projected.r * weighted_residuals).sum(axis=(1, 2))
+    log_density += np.log(np.einsum("nqq->nq", root)).sum(axis=1)
     log_density -= np.where(visible, np.log(2 * np.pi * projected.v), 0.0).sum(axis=1)
     outliers = ((images.weights > 0) & ~visible).sum(axis=1)
     log_density += OUTLIER_LOG_DENSITY * outliers
@@ -286,31 +286,35 @@ def _log_density(
 
 
 def _residual_variance(
-    images: Images, projected: _Projected, gain: Floats, left: Floats, H: Floats
+    images: Images,
+    projected: _Projected,
+    gain: Floats,
+    residuals: Floats,
+    covariance: Floats,
 ) -> Floats:
-    """Return the sum over visible landmarks of omega^2 E |e|^2: (n,)."""
+    """Return the expected error omega^2 E |e|^2 (n,), summed over visible landmarks."""
     omega = images.weights
     share = np.where(images.visible, 1 - gain, 0.0)
-    squares = (left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1]
+    squares = (residuals**2).sum(axis=1) + covariance[..., 0, 0] + covariance[..., 1, 1]
     of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * projected.rest
     return np.asarray(of_landmark.sum(axis=1))
 
 
 def _slopes(
-    views: Views, model: Gaussian, projected: _Projected, U: Floats, moved: Floats
+    views: Views, model: Gaussian, projected: _Projected, root: Floats, slope: Floats
 ) -> tuple[Floats, Floats]:
-    """Return gradient (n, 4) and information (n, 4, 4) of the images by their views.
+    """Return gradient (n, 4) and information (n, 4, 4) of log densities by the views.
 
-    moved (n, 2, 3): the derivative of the log density by s P R.
+    slope (n, 2, 3): the derivative of the log density by s P R.
     """
     n = len(projected.s)
     B, u = projected.B, projected.u
     turned = np.einsum("oca,nai->noci", VIEW_MOTIONS, views.rotation)
     D = projected.s[:, None, None, None] * turned
-    gradient = np.einsum("noci,nci->no", D, moved)
+    gradient = np.einsum("noci,nci->no", D, slope)
     J = (D.reshape(-1, 3) @ model.mean).reshape(n, VIEW_DIRECTIONS, B.shape[1])
     uJ = J * np.tile(u, 2)[:, None]
-    JB = uJ @ B @ U
+    JB = uJ @ B @ root
     information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
     return gradient, information
 
@@ -328,19 +332,21 @@ def _add_slopes_of_size(
     information[:, 3, 3] += 1 / model.size_variance
 
 
-def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
-    """Return the log density gained (n, p) where one landmark changes its label.
+def find_flip_gain(
+    residuals: Floats, covariance: Floats, variance: Floats, visible: Flags
+) -> Floats:
+    """Return the log density gained (n, p) by changing a landmark to outlier or back.
 
-    An inlier becomes an outlier, an outlier an inlier. left (n, 2, p): residuals; H (n,
-    p, 2, 2): their covariance; v (n, p): variances; visible (n, p): the inliers.
+    An inlier becomes an outlier, an outlier an inlier. residuals (n, 2, p), their
+    covariance (n, p, 2, 2) and variance (n, p); visible (n, p): the inliers.
     """
-    sign = np.where(visible, -1 / v, 1 / v)
-    A = np.eye(2) + sign[..., None, None] * H
+    sign = np.where(visible, -1 / variance, 1 / variance)
+    A = np.eye(2) + sign[..., None, None] * covariance
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
-    a = left[:, 0]
-    b = left[:, 1]
+    a = residuals[:, 0]
+    b = residuals[:, 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
-    alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
+    alone = -0.5 * square / (size * variance) - np.log(2 * np.pi * variance)
     alone += np.where(visible, 0.5, -0.5) * np.log(size)
     gained: Floats = np.where(
         visible, OUTLIER_LOG_DENSITY - alone, alone - OUTLIER_LOG_DENSITY
@@ -349,10 +355,10 @@ def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
 
 
 def change_inliers(images: Images, flip_gain: Floats) -> Flags:
-    """Return outliers (n, p) after the label of one landmark of each image has changed.
+    """Flip the label of the landmark of each image that gains most; return outliers.
 
-    The one that gains most log density, if any gains. At least half of the landmarks
-    that are seen stay inliers.
+    (n, p). It is the one that gains most log density, if any gains. At least half of
+    the landmarks that are seen stay inliers.
     """
     visible = images.visible
     is_there = images.weights > 0
@@ -380,8 +386,8 @@ def sum_covariances(expected: Expected, views: Views, model: Gaussian) -> Floats
     return total
 
 
-def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
-    """Return each view after a damped step towards more log density of its image.
+def step_views(views: Views, expected: Expected, damping: Floats) -> Views:
+    """Step each view, damped, towards a higher log density of its image.
 
     damping (n,). By Fisher scoring, from the slopes, which must be there; at most
     `MAX_VIEW_STEP` in a direction.
@@ -446,7 +452,7 @@ def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
 
 
 def hide_some(visible: Flags) -> Flags:
-    """Choose a tenth of the seen landmarks (n, p) at random, to be hidden.
+    """Choose a tenth of the visible landmarks (n, p) at random, to be hidden.
 
     None of an image that would show three or fewer. Always the same ones.
     """

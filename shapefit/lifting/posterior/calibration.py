@@ -51,7 +51,7 @@ second one or fewer, others in every image.
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HiddenInTurn:
     """What the hidden landmarks of a sample show of the error bars of its file.
 
@@ -67,7 +67,7 @@ class HiddenInTurn:
     predictions: int
 
     def growth(self, bar_scale: float) -> Floats:
-        """Return the factors (p,) by which covariances of landmarks are to grow.
+        """Return the factors (p,) >= 1 to multiply the covariances of landmarks by.
 
         max(1, kappa / bar_scale), for the larger kappa of all and of the landmark; nan
         ones do not count. bar_scale, which all covariances have, stands for as large a
@@ -112,13 +112,13 @@ def hide_in_turn(
     )
 
 
-def _kappa_of_landmark(square: Floats) -> float:
+def _kappa_of_landmark(squared_mahalanobis: Floats) -> float:
     """Return the factor kappa by which the variances of one landmark are too small.
 
-    square (n,): its squared Mahalanobis distances d^2 (see above) where it was hidden,
+    squared_mahalanobis (n,): its squared distances d^2 (see above) where it was hidden,
     else nan. nan for fewer than `MIN_PREDICTIONS`.
     """
-    known = square[np.isfinite(square)]
+    known = squared_mahalanobis[np.isfinite(squared_mahalanobis)]
     if len(known) < MIN_PREDICTIONS:
         return np.nan
     return float(np.quantile(known, NOMINAL_SHARE) / CHI2_QUANTILE)
@@ -170,7 +170,7 @@ def predict_hidden(
 
 
 def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
-    """Choose seen landmarks (n, p) to hide: the image and the landmark of each.
+    """Choose visible landmarks (n, p) to hide; return the image and landmark of each.
 
     All of them, or about `MAX_HIDDEN`, evenly over landmarks and images.
     """

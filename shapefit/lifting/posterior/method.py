@@ -93,7 +93,7 @@ def lift_to_posterior(
     if modes:
         estimate = replace(estimate, modes=posterior.modes)
     if camera is not None:
-        estimate = look_through(estimate, posterior, problem, camera)
+        estimate = convert_to_pinhole(estimate, posterior, problem, camera)
     return estimate
 
 
@@ -250,7 +250,7 @@ def find_start_distance(
     inliers = np.nan_to_num(estimate.inlier_probability) >= MIN_INLIER_PROBABILITY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
-        """Return the distances of posteriors from the convex shapes of M."""
+        """Return the distances of posteriors of images `rows` from the shapes of M."""
         start = reconstruct(M, problem.atoms, threads=threads).shapes
         shown = inliers[rows] & (M.count > 0)[:, None]
         return relative_distance(
@@ -280,7 +280,7 @@ def find_start_distance(
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
-    """Return mean distances (n,) of landmarks after a similarity, in sizes of shapes.
+    """Return mean distances (n,) of landmarks, once aligned, in sizes of the shapes.
 
     Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, over the size of
     x. Estimates e, shapes x (n, 3, p), nan where a landmark of e does not count; the
@@ -302,7 +302,7 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
 def find_starts(
     problem: Problem, solution: Solution, mean_shape: Floats, *, threads: int = 0
 ) -> Floats:
-    """Return the rotation (n, 1, 3, 3) of each image from which posteriors are sought.
+    """Return the rotation (n, 1, 3, 3) from which to seek the posterior of each image.
 
     The consensus of the convex program's rotations; where all transforms are 0, the
     best pose of the mean shape (3, p).
@@ -316,10 +316,10 @@ def find_starts(
     return rotation[:, None]
 
 
-def look_through(
+def convert_to_pinhole(
     estimate: PosteriorEstimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> PosteriorEstimate:
-    """Return the estimate with its shapes before the camera, in the dictionary's unit.
+    """Convert an estimate to shapes before a pinhole camera, in the dictionary's unit.
 
     Translation, residual and error bars follow.
     """
@@ -336,7 +336,7 @@ def look_through(
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
     origin = camera.centre + camera.focal * middle / focal[:, None]
     return replace(
-        estimate.in_unit(divisor=size),
+        estimate.scale_error_bars(divisor=size),
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, origin),
         camera_translation=t,
@@ -345,7 +345,7 @@ def look_through(
 
 
 def find_residual_variance(problem: Problem, residual_variance: float) -> Floats:
-    """Return the variance v / omega^2 (n, p) of landmarks that stays unexplained.
+    """Return the variance v / omega^2 (n, p) of landmarks that no shape explains.
 
     omega are the weights; in the unit of shapes, inf where a landmark is hidden.
     """
@@ -355,7 +355,7 @@ def find_residual_variance(problem: Problem, residual_variance: float) -> Floats
 
 
 def find_noise(problem: Problem) -> Floats:
-    """Return the covariance V / omega^2 (n, p, 2, 2) of the measured landmarks.
+    """Return the covariance V / omega^2 (n, p, 2, 2) of the noise of landmarks.
 
     omega are the weights; in normalised units, 0 where the problem states no noise.
     """
@@ -387,9 +387,9 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
 
 
 def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
-    """Return the covariances (n, p, 2, 2) of the landmarks f u of rays.
+    """Convert covariances (n, p, 2, 2) of noise to those of the landmarks f u of rays.
 
-    Those of landmarks, and what an uncertain focal length adds. Where the logarithm of
+    An uncertain focal length adds to them. Where the logarithm of
     f is off by e, a point at the depth z of the shape is seen e u z away. Depths have
     about the size of the shape, which is 1 for normalised landmarks.
     """
@@ -403,7 +403,7 @@ def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
 def turn_towards_landmarks(
     rotations: Floats, landmarks: Floats, visible: NDArray[np.bool_], camera: Camera
 ) -> Floats:
-    """Return rotations (n, S, 3, 3) of weak perspective as a pinhole camera has them.
+    """Convert rotations (n, S, 3, 3) of weak perspective to those of a pinhole camera.
 
     Weak perspective looks along the ray to the landmarks. So they are turned by the
     least turn of the optical axis onto the ray to the middle of the seen landmarks (n,

@@ -15,7 +15,7 @@ RESIDUAL_VARIANCE = 0.01
 """Of a coordinate of normalised landmarks, where the dictionary knows none."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PosteriorModel:
     """The prior over shapes, the errors of landmarks, and factors on error bars.
 

@@ -98,10 +98,10 @@ def find_p_values(
 
 
 def moments_at(table: Floats, scale: float) -> Floats:
-    """Return the moments (c, 3) of a p-value table (t, 4) at a scale of the prior.
+    """Interpolate the moments (c, 3) of a p-value table (t, 4) at a scale of the prior.
 
-    Interpolated linearly in the logarithm of the scale, which is the first column of
-    the table and left out; beyond its scales as at the nearest.
+    Linearly in the logarithm of the scale, which is the first column of the table and
+    left out; beyond its scales as at the nearest.
     """
     # without counts np.unique imports masked arrays, which takes time
     scales, _ = np.unique(table[:, 0], return_counts=True)
@@ -124,7 +124,7 @@ def with_p_value_table(dictionary: Dictionary) -> Dictionary:
 
 
 def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floats:
-    """Return the p-value table (t, 4): moments of the distance of images of the model.
+    """Return the p-value table (t, 4): moments of distances of images drawn.
 
     They are found by drawing images. Columns: scale of the prior; landmarks seen,
     ascending; excess, how much larger its mean is than 2 b - 6 for b inliers; share of
@@ -147,9 +147,9 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floa
 
 
 def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
-    """Return the excess and the share of variance of images of `count` landmarks.
+    """Compare distances of drawn images with chi^2: excess of mean, ratio of variance.
 
-    Both as in `draw_table`, found by drawing images. The distance x is compared with y,
+    Of images of `count` landmarks, see `draw_table`. The distance x is compared with y,
     that from what is expected at the true view and component, which is chi^2 with f = 2
     count - 2 degrees of freedom (a control variate): with b the slope of x over y, and
     z = x - b (y - f), the mean of x is that of z and its variance Var z + 2 f b^2. With
@@ -186,7 +186,7 @@ class Drawn(NamedTuple):
     shown: Flags
 
     def part(self, rows: slice) -> Drawn:
-        """Some of the images."""
+        """Return the drawn images `rows`."""
         return Drawn(
             self.component[rows],
             self.rotation[rows],
@@ -196,7 +196,7 @@ class Drawn(NamedTuple):
 
 
 def draw_images(prior: Mixture, count: int) -> Drawn:
-    """Draw images with `count` shown landmarks each."""
+    """Draw images of shapes of the prior, with `count` shown landmarks each."""
     rng = np.random.default_rng((DRAW_SEED, count))
     n = DRAWN_IMAGES
     p = prior.means.shape[2]
@@ -211,7 +211,7 @@ def draw_images(prior: Mixture, count: int) -> Drawn:
 
 
 def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
-    """Return the posterior of images that were drawn, from their true views on."""
+    """Return the posterior of drawn images, sought from their true views."""
     n, p = drawn.shown.shape
     return find_posterior(
         landmarks=drawn.landmarks,
@@ -236,9 +236,9 @@ def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
-    """Return squared Mahalanobis distances (n,) of drawn images from their own model.
+    """Return squared Mahalanobis distances (n,) of drawn images by their true states.
 
-    That of the component and the view of which each was drawn.
+    These are the component and the view of which each was drawn.
     """
     k, R, w, shown = drawn
     n = len(k)

@@ -37,7 +37,7 @@ class LimbLengths(NamedTuple):
 
     @classmethod
     def none(cls) -> LimbLengths:
-        """Return lengths of no limbs, which change nothing."""
+        """Make lengths of no limbs, which change nothing."""
         return cls(np.empty((0, 2), np.int64), np.empty(0), np.empty((0, 0)))
 
 

@@ -37,7 +37,7 @@ from shapefit.arrays import (
     Integers,
     finite_median,
     median,
-    runs,
+    split_runs,
 )
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
@@ -317,14 +317,14 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split_into_clips(sequences: Sequence[str]) -> list[slice]:
-    """Return the slices of images that are refined together.
+    """Return slices of images to refine together: of one sequence, not too many.
 
     Equal neighbours in `sequences` (n,), divided where they are more than
     MAX_CLIP_FRAMES.
     """
     values = np.array(sequences, dtype=object)
     slices = []
-    for sequence in runs(values[1:] != values[:-1], len(values)):
+    for sequence in split_runs(values[1:] != values[:-1], len(values)):
         frames = sequence.stop - sequence.start
         pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):
@@ -357,7 +357,7 @@ def refine_clip(
         CONSTANTS.scale_seconds * motion.rate,
         inference.timeline,
     )
-    visible = in_unit(clips, clip, inference.size)
+    visible = observe_clip(clips, clip, inference.size)
     steady = np.ones(len(informative))
     if len(stretches) > 1:
         # how far away it is after a gap, only its images say
@@ -395,7 +395,7 @@ class Inference:
         motion: BodyMotion,
         refined: RefinedClips,
     ) -> None:
-        """Of a clip, whose images (t,) are informative or not, finite or not."""
+        """Prepare the inference of a clip, with flags of its images (t,)."""
         self.clips = clips
         self.clip = clip
         self.informative = informative
@@ -424,7 +424,10 @@ class Inference:
         *,
         rigid: bool = True,
     ) -> Smoothed:
-        """Infer the frames of a timeline, by default all, with rigid bones or none."""
+        """Infer the shapes of the frames of a timeline, by default all of the clip.
+
+        Bones are rigid, or there are none.
+        """
         motion = self.motion
         if timeline is None:
             timeline = self.timeline
@@ -448,7 +451,7 @@ class Inference:
         return smooth(visible, model, self.sigma)
 
     def relative_sizes(self, visible: Observations) -> Floats:
-        """Return the size of bones in the stretch of each frame (t,) over the median.
+        """Return the size of bones (t,) in each frame's stretch, over the median size.
 
         1 for a stretch that is too short.
         """
@@ -489,7 +492,7 @@ class Inference:
             refined.covariance[row] = unit[frame] ** 2 * smoothed.covariance[frame]
 
     def _placed_in(self, stretch: slice) -> Indices:
-        """Return the numbers in the sequence of a stretch's frames that get a shape."""
+        """Return the indices of those frames of a stretch that get a shape."""
         rows: Indices = stretch.start + np.flatnonzero(self.is_placed[stretch])
         return rows
 
@@ -515,7 +518,7 @@ class Inference:
         loose = [
             stretch
             for stretch in self.stretches
-            if median(square[judged_by(stretch, self.informative)]) > limit
+            if median(square[find_judging_frames(stretch, self.informative)]) > limit
         ]
         points = self.clips.points[self.clip]
         if loose and not self.motion.of_half_body:
@@ -529,8 +532,8 @@ class Inference:
             refined.noise[rows] = np.nan
 
 
-def judged_by(stretch: slice, informative: Flags) -> Indices:
-    """Return the informative frames by which a stretch is found to be moved too far.
+def find_judging_frames(stretch: slice, informative: Flags) -> Indices:
+    """Return the indices of informative frames that say how far a stretch has moved.
 
     Its own, or those of the sequence (t,) where these are fewer than MIN_CLIP_FRAMES.
     """
@@ -603,7 +606,7 @@ def smooth_log_scale(
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
-    """Return the usual lengths with more weight, as errors of t frames are correlated.
+    """Raise the precision of usual lengths for `frames` frames of correlated errors.
 
     Their precision becomes (1 + r^2 t) Q; None for None. What t images say of the
     lengths has the variance P (1 / t + r^2), as their deviations have the share r in
@@ -640,8 +643,8 @@ def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
     return points, scale * deviation
 
 
-def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
-    """Return the observations of a clip in a unit, given in that of the landmarks."""
+def observe_clip(clips: Clips, clip: slice, unit: float) -> Observations:
+    """Return the observations of a clip, its lengths divided by `unit`."""
     is_finite = np.isfinite(clips.scale[clip])
     relative_scale = np.where(is_finite, clips.scale[clip], unit) / unit
     centre = np.where(is_finite[:, None], clips.centre[clip], 0.0) / unit

@@ -165,7 +165,7 @@ class Observations:
         return len(self.start)
 
     def part(self, rows: slice) -> Observations:
-        """Return some of the frames."""
+        """Return the observations of the frames `rows`."""
         return replace(
             self,
             landmarks=self.landmarks[rows],
@@ -179,7 +179,7 @@ class Observations:
         )
 
     def in_larger_unit(self, factor: Floats) -> Observations:
-        """Return the observations with larger units of frames, by a factor (t,)."""
+        """Return the observations with lengths divided by a factor (t,), per frame."""
         g = factor[:, None, None]
         d = self.mean.shape[2]
         return replace(
@@ -219,7 +219,7 @@ def smooth(
     noise: float,
     max_rounds: int = MAX_SMOOTHING_ROUNDS,
 ) -> Smoothed:
-    """Infer the frames of a sequence: the minimum of the objective above.
+    """Infer the shapes of all frames of a sequence by minimising the objective above.
 
     noise: sigma, the standard deviation of a coordinate of the landmarks.
     """
@@ -269,11 +269,11 @@ def smooth(
 
 
 def remaining_precision(visible: Observations, noise: float) -> Floats:
-    """Return q (1/sigma^2 - 1/v) (t, 2p): precisions of landmarks that posteriors lack.
+    """Return the precisions (t, 2p) of landmarks that the images' posteriors left out.
 
-    The posterior of an image took its landmarks with the variance v; where their noise
-    sigma is smaller, this is the precision still to be added. noise is sigma; 0 where
-    it is above sqrt(v).
+    q (1/sigma^2 - 1/v). The posterior of an image took its landmarks with the variance
+    v; where their noise sigma is smaller, this is the precision still to be added.
+    noise is sigma; 0 where it is above sqrt(v).
     """
     remaining = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
     precision: Floats = remaining * np.tile(visible.trust, (1, 2))
@@ -305,7 +305,7 @@ def mean_lengths(points: Floats, bones: Integers) -> Floats:
 
 
 def fit_scale(lengths: Floats, usual: Floats) -> float:
-    """Return the scale at which usual lengths (e,) agree best with given ones (e,).
+    """Return the scale at which usual lengths (e,) agree best with `lengths` (e,).
 
     The geometric mean of the ratios. Usual lengths that are nan do not count; one must
     be known.
@@ -341,7 +341,7 @@ def observe(
     d = 3 * landmarks.shape[2]
     has_mode = np.isfinite(log_evidence[:, :k])
     has_modes = has_mode[:, 0]
-    start = fill(start, has_modes, position)
+    start = fill_missing_frames(start, has_modes, position)
     best = np.where(has_modes, log_evidence[:, 0], 0.0)[:, None]
     log_share = np.where(has_mode, log_evidence[:, :k], -np.inf) - best
     # a frame without modes has one that says next to nothing
@@ -392,7 +392,7 @@ def find_precisions(
     return covariances, log_det
 
 
-def fill(
+def fill_missing_frames(
     points: Floats, present: NDArray[np.bool_], position: Floats | None = None
 ) -> Floats:
     """Interpolate missing frames of points (t, 3, p) between their neighbours in time.

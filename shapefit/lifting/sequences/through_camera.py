@@ -26,7 +26,7 @@ Refine = Callable[[PosteriorLifting, Floats], PosteriorLifting]
 def refine_through_camera(
     lifting: PosteriorLifting, landmarks: Floats, refine: Refine
 ) -> PosteriorLifting:
-    """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
+    """Refine a lifting of landmarks (n, 2, p) by `refine`, with or without a camera.
 
     `refine` takes a lifting by weak perspective and its landmarks, and the memory of
     its modes. The scale of an image stays what it is: bodies are taken to stay about as
@@ -55,7 +55,7 @@ def refine_through_camera(
         shapes=points,
         translation=flat,
         scale=size,
-        estimate=replace(estimate, translation=flat).in_unit(to_weak),
+        estimate=replace(estimate, translation=flat).scale_error_bars(to_weak),
     )
     depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]
     refined = refine(weak, rays.landmarks * (1 + depth))
@@ -90,7 +90,7 @@ def place_before_camera(
         landmarks_fitted=fitted,
         translation=translation,
         estimate=replace(
-            refined.estimate.in_unit(1 / to_weak),
+            refined.estimate.scale_error_bars(1 / to_weak),
             translation=lifting.estimate.translation,
             camera_translation=t,
         ),

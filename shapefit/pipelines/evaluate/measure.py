@@ -14,12 +14,12 @@ from shapefit.arrays import Flags, Floats, Indices
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError, abbreviate, input_error, listed
 from shapefit.evaluation import metrics as m
-from shapefit.evaluation.calibration import ErrorBars, find_squares
+from shapefit.evaluation.calibration import ErrorBars, measure_error_bars
 from shapefit.evaluation.metrics import (
     METRICS,
     MIN_COMMON_LANDMARKS,
     in_blocks,
-    similarity,
+    similarity_error,
 )
 from shapefit.evaluation.report import ALL, NORMALISED, Quantity
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
@@ -309,7 +309,7 @@ def _find_bars(
     if correlation is not None:
         correlation = correlation.take(matched.columns, axis=2)
     square, width = in_blocks(
-        find_squares,
+        measure_error_bars,
         matched.estimate,
         matched.true,
         data["true_rotation"],
@@ -327,7 +327,7 @@ def _angle_errors(matched: MatchedResults) -> PartErrors:
     joints = joint_columns(matched.names)
     if not LIMB_ENDS & joints.keys():
         return PartErrors((), {})
-    angles = [angle for angle in measurable_angles(joints) if not angle.is_to_vertical]
+    angles = [angle for angle in measurable_angles(joints) if not angle.depends_on_up]
     if not angles:
         return PartErrors((), {})
 
@@ -400,7 +400,7 @@ def _select_best_individual(
     names = np.array(sequences, str)
     is_omitted = np.zeros(len(rows), np.bool_)
     if len(np.unique(rows[has_truth])) < has_truth.sum():
-        error = in_blocks(similarity, estimate, true)
+        error = in_blocks(similarity_error, estimate, true)
         medians = {
             name: np.nanmedian([np.inf, *error[names == name]])
             for name in np.unique(names)
@@ -466,7 +466,7 @@ def _warn_of_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> lis
 
     def median_error(true: Floats) -> float:
         """Return the median error after a similarity, inf where one is unknown."""
-        return float(np.median(np.nan_to_num(similarity(e, true), nan=np.inf)))
+        return float(np.median(np.nan_to_num(similarity_error(e, true), nan=np.inf)))
 
     error = median_error(x)
     mirrored = median_error(x * [[-1.0], [1.0], [1.0]])

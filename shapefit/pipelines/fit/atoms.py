@@ -80,7 +80,7 @@ def make_atom_family(config: FitConfig, match: LandmarkMatch) -> AtomFamily:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AtomFamily:
     """Lift to shapes that combine atoms: S = sum_i c_i R_i B_i, or R sum_i c_i B_i.
 

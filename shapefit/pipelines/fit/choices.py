@@ -23,7 +23,7 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
 from shapefit.pipelines.joints import LandmarkMatch, match_names
-from shapefit.timeline import frames_of
+from shapefit.timeline import parse_frame_range
 
 MIN_SEQUENCE_FRAMES = 10
 """Of a sequence whose motion says something of its shapes."""
@@ -209,7 +209,7 @@ def reading_options(config: FitConfig) -> InputOptions:
     if not isinstance(config.output, ResultFolder):
         track = track or find_target_format(config.output).in_metres
     options = input_options(config, "motion" if track else "none")
-    return replace(options, frames=frames_of(config.frames), every=config.every)
+    return replace(options, frames=parse_frame_range(config.frames), every=config.every)
 
 
 def with_angle_covariance(config: FitConfig) -> FitConfig:

@@ -138,7 +138,7 @@ class Family(Protocol):
         ...
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Pace:
     """How many images are lifted before the next are read and something is shown.
 

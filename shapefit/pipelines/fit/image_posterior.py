@@ -34,7 +34,7 @@ USUAL_PROGRAM = Program(lam=0.1)
 """The convex program from which the view of an image comes."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ImagePosterior:
     """Lift single images to the posterior mean of their shapes, with error bars.
 

@@ -12,7 +12,7 @@ from shapefit.io.inputs import State, check_unchanged, find_state
 from shapefit.pipelines.fit.choices import files_of
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class WatchedFiles:
     """Landmarks and further files of a fit, as they were found.
 

@@ -110,7 +110,7 @@ def make_image_posterior(
     return posterior.with_limbs()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PosteriorFamily:
     """Lift to the posterior mean under a prior over shapes, with error bars and trust.
 
@@ -193,7 +193,7 @@ class PosteriorFamily:
     def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
         """Add to a fit error bars in its unit, and which images are trusted."""
         estimate = lifting.estimate
-        scaled = estimate.in_unit(lifting.scale[:, None, None])
+        scaled = estimate.scale_error_bars(lifting.scale[:, None, None])
         fit = replace(
             fit,
             shape_sd=as_rows(scaled.deviation),

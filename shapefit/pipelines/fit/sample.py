@@ -440,7 +440,9 @@ def judge_sample(
     shares = judge_shares(lifting, bars.growth, shown)
     kappa = bars.numbers[KAPPA]
     distance = bars.numbers[DISTANCE]
-    if not trust.contradicts(kappa, distance, shares.trusted, shares.doubtful):
+    if not trust.contradicts_dictionary(
+        kappa, distance, shares.trusted, shares.doubtful
+    ):
         return Verdict()
     fix = (
         "are the names of the landmarks right, and does the dictionary have such"

@@ -63,7 +63,7 @@ def make_sequence_family(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SequenceFamily:
     """The posterior of whole sequences: rigid bones and smooth motion.
 

@@ -109,7 +109,7 @@ def count_reasons(record: Fit) -> Iterator[Counted]:
         yield Counted(len(names), "image", reason, tuple(names))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Tally:
     """What adds up over the batches of a fit, for its end.
 

@@ -34,8 +34,8 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import MIN_EXTENT, normalise
 from shapefit.geometry.procrustes import (
     Alignment,
+    are_coincident,
     choose_landmarks,
-    coincide,
     generalised_procrustes,
     lateral_axis,
     mirror,
@@ -203,7 +203,7 @@ def split_usable(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
     points = shapes.as_columns()
     extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
     has_extent = np.isfinite(extent) & (extent >= MIN_EXTENT)
-    usable = ~coincide(points) & has_extent
+    usable = ~are_coincident(points) & has_extent
     reason = "all its landmarks are at one point, or not finite"
     items = (shapes.items[row] for row in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), tuple(Failure(item, reason) for item in items)

@@ -36,7 +36,7 @@ from shapefit.config.manifest import (
     FAILED,
     PartLine,
     RunLine,
-    not_a_manifest,
+    manifest_error,
     part_name,
     part_number,
 )
@@ -204,7 +204,7 @@ def method_of(manifest: Manifest) -> str:
     """Return the method of the results in a folder; InputError for an unknown one."""
     method = manifest.run.method
     if method not in METHODS:
-        raise not_a_manifest(manifest.path, f"there is no method {method!r:.100}")
+        raise manifest_error(manifest.path, f"there is no method {method!r:.100}")
     return method
 
 
@@ -219,7 +219,7 @@ def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
         check_calibration(type(config), calibration.config_values(config))
     except (ValueError, TypeError) as error:  # pydantic's has several lines
         text = printable(" ".join(str(error).split()))
-        raise not_a_manifest(manifest.path, f"estimated: {text}") from None
+        raise manifest_error(manifest.path, f"estimated: {text}") from None
     return calibration
 
 

@@ -285,12 +285,14 @@ def _error_measures(
     to_metres, length = as_metres(unit if truth is None else truth.records.unit)
     factor: Floats | float = to_metres
     if truth is not None:
-        error = metrics.similarity(content.points, truth.points)
+        error = metrics.similarity_error(content.points, truth.points)
         yield _make_measure(AGAINST_TRUTH, factor * error, length)
     if _space_of(content).in_metres and (truth is None or length == "m"):
         factor, length = values["metres_per_unit"], "m"
     elif truth is not None and expected is not None:
-        expected = metrics.expected(content.points, truth.points, expected)
+        expected = metrics.convert_expected_error(
+            content.points, truth.points, expected
+        )
     if expected is not None:
         yield _make_measure(EXPECTED, factor * expected, length)
     if "p_value" in values:

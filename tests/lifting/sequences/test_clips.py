@@ -13,8 +13,8 @@ from shapefit.lifting.sequences.clips import (
     Clips,
     add_common_error,
     find_acceleration_scale,
+    find_judging_frames,
     is_informative,
-    judged_by,
     nearest_informative,
     relative_scales,
 )
@@ -207,11 +207,11 @@ class TestFramesThatJudgeAStretch:
         stretch = slice(4, 5 + MIN_CLIP_FRAMES)
         own = [4, *range(6, 5 + MIN_CLIP_FRAMES)]
         assert len(own) == MIN_CLIP_FRAMES
-        assert judged_by(stretch, informative).tolist() == own
+        assert find_judging_frames(stretch, informative).tolist() == own
 
     def test_with_fewer_those_of_the_sequence_do(self):
         informative = np.ones(12, dtype=bool)
         informative[[2, 5]] = False
         stretch = slice(4, 4 + MIN_CLIP_FRAMES)
         everywhere = np.flatnonzero(informative).tolist()
-        assert judged_by(stretch, informative).tolist() == everywhere
+        assert find_judging_frames(stretch, informative).tolist() == everywhere

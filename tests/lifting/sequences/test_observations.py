@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.lifting.sequences.smoothing import CONSTANTS, fill, observe
+from shapefit.lifting.sequences.smoothing import CONSTANTS, fill_missing_frames, observe
 
 
 class TestFramesWithoutModes:
@@ -21,17 +21,17 @@ class TestFramesWithoutModes:
         return known
 
     def test_the_first_is_as_the_second(self, visible, known):
-        filled = fill(visible.start, known)
+        filled = fill_missing_frames(visible.start, known)
         assert_allclose(filled[0], visible.start[1])
 
     def test_others_are_interpolated(self, visible, known):
-        filled = fill(visible.start, known)
+        filled = fill_missing_frames(visible.start, known)
         between = (2 * visible.start[3] + visible.start[6]) / 3
         assert_allclose(filled[4], between)
 
     def test_without_any_frame_there_is_none(self, visible, known):
         with pytest.raises(ValueError, match="no frame"):
-            fill(visible.start, np.zeros_like(known))
+            fill_missing_frames(visible.start, np.zeros_like(known))
 
     def test_they_say_nothing(self, visible, known):
         n = len(visible)

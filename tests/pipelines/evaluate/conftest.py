@@ -65,8 +65,8 @@ def errors(results, truth):
     observed = in_columns(results.column("landmarks"))
     fitted = in_columns(results.landmarks_fitted)
     return {
-        "similarity": metrics.similarity(shapes, true),
-        "camera": metrics.camera(shapes, true, results.column("true_rotation")),
+        "similarity": metrics.similarity_error(shapes, true),
+        "camera": metrics.camera_error(shapes, true, results.column("true_rotation")),
         "reprojection": metrics.reprojection(fitted, observed),
     }
 

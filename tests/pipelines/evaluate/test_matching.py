@@ -29,7 +29,7 @@ def tailed_truth(truth):
 
 def test_items_and_landmarks_are_matched_by_name(results, truth, tailed_truth):
     found = measured(results, tailed_truth)
-    expected = metrics.similarity(
+    expected = metrics.similarity_error(
         results.as_columns()[:, :, SHARED], truth.as_columns()[:, :, SHARED]
     )
     assert_allclose(found.errors["similarity", "m"], expected)
@@ -130,7 +130,7 @@ def test_one_individual_is_measured_against_one_truth(truth, people, order, matc
     """
     subject = Shapes(**walk_of(truth.shapes, subject=N))
     found = measured(result_of(people, order), subject, match, SHAPES)
-    expected = metrics.similarity(in_columns(people["man"]), truth.as_columns())
+    expected = metrics.similarity_error(in_columns(people["man"]), truth.as_columns())
     warning = "bystander left out: another individual fits the same true shapes better"
     assert set(found.sequences) == {"man"}
     assert found.failures == {}

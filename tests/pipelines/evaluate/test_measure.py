@@ -126,7 +126,7 @@ def test_a_partial_shape_is_measured_where_it_is_known(results, truth):
     shapes[1, 0] = np.nan
     found = measured(results.replaced(shapes=shapes), truth, metrics=SHAPES)
     known = results.as_columns()[1:2, :, 1:]
-    (expected,) = metrics.similarity(known, truth.as_columns()[1:2, :, 1:])
+    (expected,) = metrics.similarity_error(known, truth.as_columns()[1:2, :, 1:])
     assert_allclose(found.errors["similarity", "m"][1], expected)
 
 

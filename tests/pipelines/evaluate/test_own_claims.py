@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.evaluation.calibration import find_squares
+from shapefit.evaluation.calibration import measure_error_bars
 from shapefit.records.columns import in_columns
 from tests.columns import in_rows, put
 
@@ -76,7 +76,7 @@ def squares(with_bars, truth):
     """How far the truth is from the shapes in their error bars, and how wide these
     are.
     """
-    return find_squares(
+    return measure_error_bars(
         with_bars.as_columns(),
         truth.as_columns(),
         with_bars.column("true_rotation"),

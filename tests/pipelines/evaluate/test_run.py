@@ -66,7 +66,7 @@ def test_an_image_that_failed_is_told(desk, failed):
 
 def test_the_report_has_errors_and_their_means(desk, truth, failed):
     shapes, (*_, last) = failed
-    errors = metrics.similarity(in_columns(shapes), truth.as_columns())
+    errors = metrics.similarity_error(in_columns(shapes), truth.as_columns())
     sequence = desk.row(**SIZES, group="Subject 13", sequence="13_01")
     group = desk.row(**SIZES, group="Subject 13", sequence="")
     mean_of_sequence = errors[:4].mean()
@@ -381,7 +381,7 @@ def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
     write_shapes(desk.folder / "truth.h5", truth)
     desk.run()
     known = [0, 1, 3, 4]
-    (expected,) = metrics.similarity(
+    (expected,) = metrics.similarity_error(
         results.as_columns()[:1, :, known], truth.as_columns()[:1, :, known]
     )
     assert desk.errors(**SIZES)["item0"] == pytest.approx(expected)

@@ -40,7 +40,7 @@ def draw_bodies(rng):
     """Return bodies of the dictionary of people (n, 3, p), y down, 20 units from the
     camera, whose hips are further apart than the joints.
     """
-    people = read_dictionary(find_dictionaries()["people"]).marked(())
+    people = read_dictionary(find_dictionaries()["people"]).drop_unmarked(())
     columns = [people.landmark_names.index(joint) for joint in JOINTS]
     hips = [JOINTS.index("lhip"), JOINTS.index("rhip")]
     turns = rotation_about(np.array([0.0, 1, 0]), rng.uniform(0, 2 * np.pi, COUNT))

@@ -146,12 +146,12 @@ def test_the_skeleton_that_images_have_is_not_warned_of(fit_people, poses, skele
 
 def test_images_that_pass_by_chance_are_not_trusted(fit_people, poses, monkeypatch):
     """Though landmarks that are hidden in turn would be predicted well."""
-    contradicts = trust.contradicts
+    contradicts_dictionary = trust.contradicts_dictionary
 
     def predicted_well(kappa, distance, *shares):
-        return contradicts(1.0, 0.1, *shares)
+        return contradicts_dictionary(1.0, 0.1, *shares)
 
-    monkeypatch.setattr(trust, "contradicts", predicted_well)
+    monkeypatch.setattr(trust, "contradicts_dictionary", predicted_well)
     images = film(poses, "body_25")
     as_many_as_no_skeleton_has = 19
     wrong = images.replaced(

@@ -11,7 +11,7 @@ import shapefit
 from shapefit.config.paths import find_dictionaries
 from shapefit.dictionary.bodies import LIMB_ENDS
 from shapefit.errors import InputError
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity_error
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import (
     read_dictionary,
@@ -153,8 +153,8 @@ def test_a_camera_lowers_the_error_of_a_sequence(lift_sequences, turntable):
     shapes, images = turntable
     without, _ = lift_sequences(images, camera={"focal": "none"})
     result, _ = lift_sequences(images, camera=CAMERA)
-    error = similarity(result.as_columns(), shapes).mean()
-    error_without = similarity(without.as_columns(), shapes).mean()
+    error = similarity_error(result.as_columns(), shapes).mean()
+    error_without = similarity_error(without.as_columns(), shapes).mean()
     assert error < 0.95 * error_without
     assert result.camera_translation.shape == (len(images), 3)
     assert (result.shape_sd > 0).all()

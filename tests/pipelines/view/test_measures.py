@@ -51,8 +51,8 @@ def errors(judged, truth_in_mm):
     """Errors against the truth and expected errors, in mm."""
     shapes = read_results(judged).as_columns()
     truth = read_shapes([truth_in_mm]).as_columns()
-    error = metrics.similarity(shapes, truth)
-    expected = metrics.expected(shapes, truth, EXPECTED_ERRORS)
+    error = metrics.similarity_error(shapes, truth)
+    expected = metrics.convert_expected_error(shapes, truth, EXPECTED_ERRORS)
     return error, expected
 
 
