@@ -180,7 +180,8 @@ def digest_of_code(name: str, project: Path = PROJECT) -> str:
     """Return a digest of the code that draws a picture: its function here, and its
     sources.
 
-    Spaces, line ends and commas do not count, which formatters move.
+    Comments of JavaScript do not count, nor spaces, line ends and commas, which
+    formatters move.
     """
     picture = PICTURES[name]
     function = picture.draw
@@ -188,7 +189,11 @@ def digest_of_code(name: str, project: Path = PROJECT) -> str:
         function = function.func
     texts = [inspect.getsource(function)]
     for glob in picture.sources:
-        texts += [path.read_text("utf-8") for path in sorted(project.glob(glob))]
+        for path in sorted(project.glob(glob)):
+            text = path.read_text("utf-8")
+            if path.suffix == ".js":
+                text = COMMENT_OF_JAVASCRIPT.sub("", text)
+            texts.append(text)
     letters = re.sub(r"[\s,]", "", "".join(texts))
     return hashlib.sha256(letters.encode()).hexdigest()[:16]
 
@@ -463,6 +468,9 @@ def _made(path: Path, target: str) -> Path:
         raise MissingInput(f"make {target} makes {path.relative_to(PROJECT)}")
     return path
 
+
+COMMENT_OF_JAVASCRIPT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+"""No text of the page's scripts has // or /* in it."""
 
 VIEWER = (
     "shapefit/viewer/*.css",

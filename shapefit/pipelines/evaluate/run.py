@@ -45,7 +45,7 @@ from shapefit.io.source import (
 from shapefit.pipelines.evaluate.drawing import Figures, draw_figures
 from shapefit.pipelines.evaluate.measure import (
     MatchedResults,
-    Measured,
+    MethodErrors,
     match_results,
     measure_matched,
     with_shapes_of,
@@ -95,7 +95,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     inputs = digests(config.truth)
     every_file = [file for files in config.results.values() for file in files]
     warnings = [*describe_unfinished(every_file)]
-    methods: dict[str, Measured] = {}
+    methods: dict[str, MethodErrors] = {}
     draws = config.plots != "none" and not _lacks_matplotlib(config)
     pictured: MatchedResults | None = None
     with ExitStack() as open_files:
@@ -113,7 +113,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
             if draws and not methods:
                 pictured = matched
             methods[name] = measured
-            doubts = used_in_training(name, results.attributes, inputs)
+            doubts = warn_of_training_on_truth(name, results.attributes, inputs)
             new = [*doubts, *measured.warnings]
             warnings += new
             failures = [
@@ -143,7 +143,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         note="\n".join(report.short_lines(document)),
         warnings=(Note(WITHOUT_MATPLOTLIB),) if _lacks_matplotlib(config) else (),
         written=tuple(config.output / name for name in names),
-        numbers=numbers_of(methods),
+        numbers=eval_numbers(methods),
         data=lambda: json.loads(texts["report.json"]),
     )
 
@@ -153,7 +153,7 @@ def _lacks_matplotlib(config: EvalConfig) -> bool:
     return config.plots != "none" and find_spec("matplotlib") is None
 
 
-def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
+def eval_numbers(methods: Mapping[str, MethodErrors]) -> Numbers:
     """Return the number of images compared, and coverage of error bars by method."""
     images = sum(len(measured.items) for measured in methods.values())
     shares = {name: share_inside(measured.bars) for name, measured in methods.items()}
@@ -161,7 +161,7 @@ def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
 
 
 def share_inside(bars: ErrorBars | None) -> float | None:
-    """Return the share of landmarks inside their regions, None where none has one."""
+    """Return the share of landmarks inside their 90% regions, None without regions."""
     if bars is None:
         return None
     squares = bars.square[~np.isnan(bars.square)]
@@ -170,12 +170,12 @@ def share_inside(bars: ErrorBars | None) -> float | None:
 
 def _report_texts(
     document: report.Document,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     truth: Shapes,
     figures: Figures,
     config: EvalConfig,
 ) -> dict[str, str]:
-    """Return names -> texts of the files of the report, without per_image.csv."""
+    """Return file name -> text of the files of the report but per_image.csv."""
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
     texts = {
         PAGE_FILE: "",
@@ -217,12 +217,12 @@ def open_method(files: Sequence[Path]) -> ResultSource | ShapeSource:
 
 
 def read_whole(source: ResultSource | ShapeSource) -> Fit:
-    """Read all of a source, shapes as results that say nothing else."""
+    """Read all of a source as one Fit; of shapes, one that has nothing else."""
     record = source.whole()
     return record if isinstance(record, Fit) else Fit.of_shapes(record)
 
 
-def used_in_training(
+def warn_of_training_on_truth(
     method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
     """Return a warning where the dictionary learned from a file of the truth.
@@ -244,7 +244,7 @@ def used_in_training(
 
 def make_document(
     config: EvalConfig,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     warnings: Sequence[str],
     inputs: Mapping[str, str],
 ) -> report.Document:
@@ -274,7 +274,7 @@ def make_document(
     }
     for name, measured in methods.items():
         files = [path_text(file) for file in config.results[name]]
-        document["methods"].append(_outcome(name, files, measured))
+        document["methods"].append(_method_outcome(name, files, measured))
         document["summaries"] += report.summarise_errors(
             name, measured.sequences, measured.errors, grouping
         )
@@ -288,7 +288,9 @@ def make_document(
     return document
 
 
-def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOutcome:
+def _method_outcome(
+    name: str, files: list[str], measured: MethodErrors
+) -> report.MethodOutcome:
     """Return the entry of a method in the report: files, images and failures."""
     mean_objective = None
     if measured.objective is not None:
@@ -309,7 +311,7 @@ def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOu
     }
 
 
-def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
+def write_per_image(path: Path, methods: Mapping[str, MethodErrors]) -> None:
     """Write the errors of all images, and the share of landmarks inside the error bars.
 
     That of a failed image is empty; one that does not count, which is infinite, has no
@@ -323,8 +325,8 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
                 file.write(rows)
 
 
-def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
-    """Yield rows of method, sequence, item, metric, error and unit, metric by metric.
+def _rows_per_image(name: str, measured: MethodErrors) -> Iterator[memoryview]:
+    """Yield rows of CSV: method, sequence, item, metric, error, unit; by metric.
 
     They are many, one for each image and metric: what several share is quoted once.
     """
@@ -334,11 +336,11 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
         errors[inside, SHARE] = np.where(np.isnan(coverage), np.inf, coverage)
     images = zip(measured.sequences, measured.items, strict=True)
-    of_images = _quoted((name, sequence, item) for sequence, item in images)
+    of_images = _csv_lines((name, sequence, item) for sequence, item in images)
     n = len(of_images)
     for (metric, unit), values in errors.items():
         counted = np.flatnonzero(values != np.inf)
-        texts = [*of_images, *_quoted([(metric,), (unit,)])]
+        texts = [*of_images, *_csv_lines([(metric,), (unit,)])]
         cells = np.column_stack(
             [counted, np.full_like(counted, n), np.full_like(counted, n + 1)]
         )
@@ -347,7 +349,7 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
         )
 
 
-def _quoted(rows: Iterable[tuple[str, ...]]) -> list[bytes]:
+def _csv_lines(rows: Iterable[tuple[str, ...]]) -> list[bytes]:
     """Return rows as CSV, quoted where need be, without the ends of lines."""
     lines: list[str] = []
     table = csv.writer(SimpleNamespace(write=lines.append), lineterminator="\n")
