@@ -52,6 +52,9 @@ CAPTIONS = {
 }
 """What is said below each figure."""
 
+FIGURE_FORMATS = ("svg", "png", "pdf")
+"""Formats in which figures lie beside the page."""
+
 
 class Figures(NamedTuple):
     """The figures of the page, and the files beside it by name."""

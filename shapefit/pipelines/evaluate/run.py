@@ -42,7 +42,12 @@ from shapefit.io.source import (
     ShapeSource,
     open_results,
 )
-from shapefit.pipelines.evaluate.drawing import Figures, draw_figures
+from shapefit.pipelines.evaluate.drawing import (
+    CAPTIONS,
+    FIGURE_FORMATS,
+    Figures,
+    draw_figures,
+)
 from shapefit.pipelines.evaluate.measure import (
     MatchedResults,
     MethodErrors,
@@ -59,6 +64,9 @@ ERROR_BARS_FILE = "error_bars.json"
 
 PER_IMAGE_FILE = "per_image.csv"
 """File of the report with the errors of all images."""
+
+PER_ANGLE_FILE = "per_angle.csv"
+"""File of the report with the errors of each joint angle, of people."""
 
 PAGE_FILE = "report.html"
 """The page of the report."""
@@ -139,13 +147,34 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         for name, data in figures.files.items():
             (folder / name).write_bytes(data)
     names = (*texts, PER_IMAGE_FILE, *figures.files)
+    last_warnings = warn_of_earlier_files(config.output, names)
+    if _lacks_matplotlib(config):
+        last_warnings.append(Note(WITHOUT_MATPLOTLIB))
     yield Result(
         note="\n".join(report.short_lines(document)),
-        warnings=(Note(WITHOUT_MATPLOTLIB),) if _lacks_matplotlib(config) else (),
+        warnings=tuple(last_warnings),
         written=tuple(config.output / name for name in names),
         numbers=eval_numbers(methods),
         data=lambda: json.loads(texts["report.json"]),
     )
+
+
+def warn_of_earlier_files(folder: Path, written: Sequence[str]) -> list[str]:
+    """Return a warning of files of an earlier report that this one has not replaced.
+
+    folder: of the report; written: the names of its files.
+    """
+    optional = {PER_ANGLE_FILE, ERROR_BARS_FILE}
+    optional |= {f"{name}.{kind}" for name in CAPTIONS for kind in FIGURE_FORMATS}
+    others = optional.difference(written)
+    earlier = sorted(name for name in others if (folder / name).exists())
+    if not earlier:
+        return []
+    verb = "is" if len(earlier) == 1 else "are"
+    names = listed(earlier, "and")
+    return [
+        f"{path_text(folder)}: {names} {verb} of an earlier report; delete old ones"
+    ]
 
 
 def _lacks_matplotlib(config: EvalConfig) -> bool:
@@ -184,7 +213,7 @@ def _report_texts(
         "per_landmark.csv": report.parts_csv(document["landmarks"], "landmark"),
     }
     if document["angles"]:
-        texts["per_angle.csv"] = report.parts_csv(document["angles"], "angle")
+        texts[PER_ANGLE_FILE] = report.parts_csv(document["angles"], "angle")
     if document["factors"]:
         texts[ERROR_BARS_FILE] = json.dumps(document["factors"])
     files = (*texts, PER_IMAGE_FILE, *figures.files)

@@ -251,6 +251,17 @@ def test_without_plots_matplotlib_is_not_missed(desk, without_matplotlib):
     assert last.warnings == ()
 
 
+def test_files_of_an_earlier_report_are_named(desk, with_bars, results):
+    desk.write("convex.h5", with_bars)
+    desk.run(plots="png")
+    desk.write("convex.h5", results)
+    *_, last = desk.run(plots="none")
+    (warning,) = last.warnings
+    assert "bars.png" in warning
+    assert "error_bars.json" in warning
+    assert "of an earlier report" in warning
+
+
 def test_every_number_that_people_read_is_in_one_unit(desk, truth, results):
     """Millimetres on the terminal, the page and the figures; metres in tables."""
     desk.write("convex.h5", results.with_points(results.shapes * 0.1))
