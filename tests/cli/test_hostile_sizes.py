@@ -32,12 +32,22 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+PIECE = bytes(1 << 24)
+"""Zero bytes that are deflated at a time."""
+
+
 def zeros(size: int) -> bytes:
-    """Return so many zero bytes, deflated."""
-    stream = zlib.compressobj(9)
-    piece = bytes(1 << 24)
-    packed = [stream.compress(piece) for _ in range(size // len(piece))]
-    return b"".join([*packed, stream.flush()])
+    """Return so many zero bytes, deflated: one piece after a full flush, repeated."""
+    stream = zlib.compressobj(9, wbits=-zlib.MAX_WBITS)
+    piece = stream.compress(PIECE) + stream.flush(zlib.Z_FULL_FLUSH)
+    end = stream.flush()
+    header = zlib.compress(b"", 9)[:2]
+    checksum = size % ADLER_BASE << 16 | 1
+    return header + size // len(PIECE) * piece + end + checksum.to_bytes(4, "big")
+
+
+ADLER_BASE = 65521
+"""The sums of Adler-32 are counted modulo it; those of zeros are 1 and the size."""
 
 
 BOMB = 3 << 30

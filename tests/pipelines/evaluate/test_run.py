@@ -209,7 +209,10 @@ def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
     assert "<script" not in page
 
 
-@pytest.mark.parametrize("plots", STARTS)
+SLOW_TO_DRAW = [pytest.param(plots, marks=pytest.mark.slow) for plots in ("png", "pdf")]
+
+
+@pytest.mark.parametrize("plots", ["svg", *SLOW_TO_DRAW])
 def test_figures_and_page_are_the_same_bytes_again(desk, with_bars, plots):
     desk.write("convex.h5", with_bars)
     desk.run(plots=plots)
