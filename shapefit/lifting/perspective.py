@@ -68,7 +68,7 @@ def refine_view(
     dictionary: Dictionary,
     threads: int = 0,
 ) -> Lifting[AtomEstimate]:
-    """Refine rotation, translation and coefficients of a lifting before a camera.
+    """Refine rotation, translation and coefficients of a lifting in perspective.
 
     landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in
     the problem stay left out; what a robust loss labelled is seen, for labels are at

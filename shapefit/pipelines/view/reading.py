@@ -183,7 +183,10 @@ def _read_records(
 
 
 def _frame_numbers(contents: Sequence[Content], n: int) -> Floats:
-    """Return the number (n,) of each frame in its video, by the first file with one."""
+    """Return the number (n,) of each frame in its video, nan where it is unknown.
+
+    It is that of the first file which states one.
+    """
     numbers = np.full(n, np.nan)
     for content in contents:
         stated = content.values.get(FRAME)
