@@ -198,7 +198,7 @@ def _frame_numbers(contents: Sequence[Content], n: int) -> Floats:
 def _find_role(path: Path, options: InputOptions) -> Role:
     """Return the role of a file: result, shapes or landmarks, by what it holds.
 
-    CSV with a column z is a result: shapes before a camera.
+    CSV with a column z is a result: shapes in front of a camera.
     """
     kind = find_kind(path, options)
     if kind == "dictionary":
