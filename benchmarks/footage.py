@@ -16,8 +16,8 @@ body. What is found is off by a constant of each landmark and clip, and by noise
 correlation in time is that of OpenPose's residuals on the man on a beam
 (`pose2sim_balancing`, cameras 1 and 3: constants of 1.8 cm a coordinate, hips included,
 and the rest 1.6 and 2.2 cm with correlations of 0.78 and 0.85 from frame to frame at 60
-Hz, 0.65 and
-0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames at a time.
+Hz, 0.65 and 0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames
+at a time.
 """
 
 from __future__ import annotations
@@ -356,8 +356,8 @@ def measure(
     count: int,
     longest: float,
 ) -> dict[str, Any]:
-    """Film `count` clips of a body, of at most `longest` seconds, lift them and compare
-    with the truth; return column -> value of the row of the body in a cell.
+    """Simulate detections in `count` clips of a body, of at most `longest` seconds,
+    lift them and compare with the truth; return column -> value of its row for a cell.
 
     These are the errors of the methods, means over the clips, and that of sequences
     over posterior; the shares of the truth inside the 90% ellipsoids of both; of
@@ -416,8 +416,8 @@ def measure_dropped(
     count: int,
     longest: float,
 ) -> dict[str, Any]:
-    """Film `count` clips of a body, of at most `longest` seconds, drop a share of their
-    frames at random, and lift the others; return column -> value.
+    """Simulate detections in `count` clips of a body, of at most `longest` seconds,
+    drop a share of their frames at random, and lift the others; return column -> value.
 
     These are the errors of `sequences`, means over the clips, with the numbers of the
     frames and with the same images taken for consecutive ones, and how many frames it
@@ -475,8 +475,8 @@ def measure_floor(
     count: int,
     longest: float,
 ) -> tuple[Floats, Floats]:
-    """Film clips of a body that moves on the floor y = 0, find the floor of each, and
-    return its errors (count, 3) and their standard deviations (count, 3).
+    """Simulate clips of a body that moves on the floor y = 0, find the floor of each,
+    and return its errors (count, 3) and their standard deviations (count, 3).
 
     The columns are the height of the camera in metres, its pitch and its roll in
     degrees; nan where no floor is found.
@@ -560,8 +560,8 @@ def table(rows: Sequence[Mapping[str, Any]], bodies: Sequence[str]) -> str:
 
 
 def main() -> None:
-    """Film, lift and judge the bodies in the cells, and write the tables; or measure
-    the floor, or dropped frames, and print them.
+    """Simulate detections of bodies in cells, lift and judge them, and write tables; or
+    measure floors, or the loss of frames, and print that.
     """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")

@@ -61,8 +61,8 @@ def stretch(images: Landmarks, factors: tuple[float, float]) -> Landmarks:
 
 
 def main() -> None:
-    """Film, stretch and lift clips; print of how many of each kind a stretch is
-    reported.
+    """Simulate detections in clips, stretch and lift them; print in how many clips of
+    each kind a stretch is reported.
     """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")

@@ -103,8 +103,8 @@ def judge(
     truth: Shapes,
     dictionary: shapefit.Dictionary,
 ) -> Judged:
-    """Lift images of a body in a cell by a method; return how they compare with the
-    truth (n, 3, p).
+    """Lift images of a body in a cell by a method; return how many are fine and far by
+    the truth, and how many of each are trusted.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -234,7 +234,9 @@ def write(rows: list[Judged]) -> None:
 
 
 def main() -> None:
-    """Film, lift and judge all bodies in all cells, and write the table."""
+    """Simulate detections of all bodies in all cells, lift and judge them, and write
+    the table.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     parser.add_argument("--bodies", nargs="*", default=CHOSEN_ON)

@@ -143,8 +143,8 @@ def record_reach(place: Path, tests: list[str]) -> Reach:
 def passed_tests(
     cases: Iterable[ElementTree.Element],
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Return context -> name for pytest of the test functions that pass, and context ->
-    seconds of all, from the cases of a report in JUnit's XML.
+    """Return the pytest id of each test function that passed, and the seconds of each
+    that ran, by its context of coverage, from the <testcase> elements of a report.
     """
     names: dict[str, str] = {}
     seconds: dict[str, float] = defaultdict(float)

@@ -183,16 +183,16 @@ def _is_gzip(path: Path) -> bool:
     return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
 
 
-def check_fits(place: str, size: int, what: str = "it") -> None:
+def check_fits(place: str, size: int, subject: str = "it") -> None:
     """Raise InputError at `place` if `size` bytes are more than the free memory.
 
-    `what` is the subject of the message.
+    The subject is that of the message.
     """
     if size <= ALWAYS_FITS:
         return
     free = free_memory()
     if size > max(ALWAYS_FITS, free):
-        needed = f"{what} takes {format_bytes(size)} of memory"
+        needed = f"{subject} takes {format_bytes(size)} of memory"
         fault = f"{needed}, and {format_bytes(free)} are free"
         raise input_error(
             place, fault, "divide the file, or use a machine with more memory"

@@ -248,7 +248,9 @@ def find_sequences(sample: Items) -> list[str]:
 
 def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine]:
     """Return labelled lines on the items of a source, by a sample of the first ones."""
-    part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
+    suffix = ""
+    if len(sample) != source.estimate:
+        suffix = f" (of the first {len(sample):,})"
     number = f"{source.count:,}"
     if source.estimate > source.count:
         number = f"about {float(f'{source.estimate:.2g}'):,.0f}"
@@ -256,13 +258,13 @@ def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine
     lines = [
         (f"{noun}s", number),
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-        *describe_sequences(sample, part),
+        *describe_sequences(sample, suffix),
     ]
     visible: Flags = np.asarray(np.isfinite(sample.points).all(axis=2))
     if visible.any():
         lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
-    lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
+    lines.append(("missing", f"{missing:.1%} of the landmarks{suffix}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
     camera = [name for name in CAMERA_COLUMNS if sample.column(name) is not None]
     if camera:
@@ -270,22 +272,22 @@ def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine
     return lines
 
 
-def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
+def describe_sequences(sample: Items, suffix: str) -> Iterator[InfoLine]:
     """Yield labelled lines on the sequences, frame rate and gaps of a sample.
 
-    part is the end of texts that are true of the sample only.
+    Texts that are true of the sample only end with the suffix.
     """
     sequences = find_sequences(sample)
     if not sequences:
         return
-    yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{part}"
+    yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{suffix}"
     rate = sample.frame_rate
     yield "frame rate", "unknown" if rate is None else f"{rate:g} Hz"
     if sample.frames is None:
         yield "frames", "not numbered, so one follows the other"
     gaps = describe_gaps(sample)
     if gaps:
-        yield "gaps", gaps + part
+        yield "gaps", gaps + suffix
 
 
 def describe_gaps(sample: Items) -> str:

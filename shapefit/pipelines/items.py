@@ -61,7 +61,7 @@ class MatchKeys(NamedTuple):
 
 
 def join_match_keys(parts: Iterable[Items]) -> MatchKeys:
-    """Return the match keys of the records of one source, joined over its parts."""
+    """Return items, sequences, frames and times of a source, joined over its parts."""
     items: list[str] = []
     sequences: list[str] = []
     frames: list[int] = []

@@ -1,7 +1,5 @@
 #include "reduced_atoms.hpp"
 
-#include <string.h>
-
 namespace shapefit {
 
 void Reduction::set_weights(Vector<const double> omega) {
@@ -128,11 +126,6 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
 void ReducedAtoms::scale(double factor) {
     for (Index e = 0; e < planes.size(); e += WIDTH)
         store(planes.data + e, factor * load(planes.data + e));
-}
-
-void ReducedAtoms::copy() {
-    resize(all_.columns);
-    memcpy(planes.data, all_.data, sizeof(double) * all_.size());
 }
 
 // Set q; rows that were copied before are copied again when they are next asked for.

@@ -103,9 +103,6 @@ class ReducedAtoms {
     // B_i <- factor B_i.
     void scale(double factor);
 
-    // Take all atoms as they are, not reduced: q = p.
-    void copy();
-
     // B_i (3, row), with zeros from q on. Few atoms of an image are ever used: rows are
     // copied out of the planes when they are first asked for.
     const double* operator[](Index i) {

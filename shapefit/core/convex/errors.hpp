@@ -46,8 +46,8 @@ class SparseErrors {
     // which is overwritten.
     void attach(const Reduction& reduction, const double* bounds, double* E);
 
-    // Set Y to the dual y (2, q) at all landmarks, and rho so that rho_j bound_j =
-    // threshold.
+    // Set Y (2, p) to the dual y (2, q), expanded to all landmarks, and rho_j to
+    // threshold / bound_j.
     void begin(double threshold, const double* y, Index q);
     // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the direction D.
     double value(double step) const;
@@ -55,9 +55,9 @@ class SparseErrors {
     // returns how far E moves, and how close Y is to its bounds.
     ErrorsPoint find(double* g, Index q);
     // The loss sum_aj bound_j |fresh E_aj|. Without a quadratic the errors are what
-    // makes the fit exact, fresh E less the gradient g (2, q) at all landmarks.
+    // makes the fit exact, fresh E less the gradient g (2, q), expanded likewise.
     double penalty(const double* g, Index q, bool quadratic);
-    // Set D to the direction d (2, q) at all landmarks.
+    // Set D (2, p) to the direction d (2, q), expanded to all landmarks.
     void set_direction(const double* d, Index q);
     // Y += length D.
     void step(double length);

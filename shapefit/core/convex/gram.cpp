@@ -125,9 +125,9 @@ template <int count>
         }
 }
 
-// Factorise a tile: rows i .. i + 3, so many vectors of columns from j on, with rows
-// before `above` eliminated already; the first tile of these rows holds the diagonal,
-// and sets `share`.
+// Factorise a tile: rows i .. i + 3, `count` vectors of columns from j on; rows before
+// `above` have been eliminated from it already. The `first` tile of these rows holds
+// the diagonal and sets `share`, see `factorise_diagonal`; the others read it.
 template <int count, bool first>
 void factorise_tile(const GramSystem& s, Index i, Index j, Index above,
                     double (&share)[BLOCK][BLOCK]) {
@@ -141,9 +141,9 @@ void factorise_tile(const GramSystem& s, Index i, Index j, Index above,
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
-// Factorise the next tile of rows i .. i + 3, from column j on, as wide as the vectors
-// of columns that are left, but at most TILE, and so that no single one remains if
-// possible. Returns its width in vectors.
+// Factorise the next tile of rows i .. i + 3, from column j on, by `factorise_tile`. It
+// takes as many of the `left` vectors of columns as fit into TILE, or one fewer where a
+// single one would remain in the end, unless TILE is 2; returns how many.
 template <bool first>
 Index factorise_next_tile(const GramSystem& s, Index i, Index j, Index above,
                           Index left, double (&share)[BLOCK][BLOCK]) {
@@ -209,8 +209,8 @@ void find_least_pivots(const GramSystem& s) {
         s.least[i] = larger(MIN_PIVOT * s.least[i], TINY);
 }
 
-// Load, change and store the tile of `factor` at rows i .. i + 3, of up to `most`
-// vectors of columns from j on; returns its width in vectors.
+// Load, change and store the tile of `factor` at rows i .. i + 3 and the next vectors
+// of columns from j on, `most` of them or as many as are `left`; returns how many.
 template <int most, class Change>
 Index change_tile(const GramSystem& s, Index i, Index j, Index left,
                   const Change& change) {

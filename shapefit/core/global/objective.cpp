@@ -120,8 +120,8 @@ void update_inverse_hessian(const double* s, const double* y, double* H) {
 }
 
 // Shorten `step` until v falls by Armijo's rule, and set `to` to the point it leads to;
-// false where no such step is found. `slope` is the fall that the gradient promises, <
-// 0.
+// false where no such step is found. `slope` < 0 is what the gradient predicts
+// for the change of v.
 bool search_line(RotationObjective& objective, const Point& from, double* step,
                  double slope, Point& to) {
     for (int trial = 0; trial < MAX_TRIALS; ++trial) {

@@ -102,7 +102,7 @@ class RotationObjective {
     void derivatives(double* gradient, double* curvature);
 
     ActiveSet& coefficients() { return step_.set; }
-    // Y (2, row), 0 from q on.
+    // The residual Y = w - Rbar sum_i c_i B_i (2, row) at the last R, 0 from q on.
     const double* residual() const { return step_.residual(); }
 
     const SearchProblem& problem;

@@ -1,4 +1,4 @@
-// Shapes before a camera: what it sees of them, and how far that is from the landmarks.
+// Shapes in front of a camera: their projections, and how far these are from landmarks.
 //
 //     X_j = R sum_i c_i B_ij + t
 //     r_j = omega_j (centre + focal X_xy / (sign X_z) - w_j)

@@ -80,10 +80,10 @@ void set_mode(const PosteriorData& data, const Search& search, Index i, Mode& mo
     if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
-// Append the modes of the image at `slot`, among the first `count` of all, to the
-// order, the largest evidence first, without those that are the same as one before or
-// negligible.
-void rank(Modes& all, Index count, Index slot) {
+// Sort the modes of the image at `slot`, among the first `count` of all, by evidence,
+// the largest first, and append them to the order; those that are negligible, or the
+// same as one before, are left out.
+void append_sorted(Modes& all, Index count, Index slot) {
     const Index first = all.count;
     Index *order = all.order + first, found = 0, retained = 0;
     for (Index i = 0; i < count; ++i) {
@@ -204,8 +204,9 @@ void store(const PosteriorData& data, const Group& group, const Mode& mode, Inde
         inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
-// Set the shares of the modes of an image, all from `first` on, and write its outputs
-// that follow from them but for the mixture, which becomes 0.
+// Set the shares of the modes of an image, all from `first` on, and write the outputs
+// that follow from them. The mean and covariance of the mixture, which are summed
+// later, become 0.
 void write_shares(const PosteriorData& data, const Group& group, const Modes& modes,
                   Index first) {
     const Index image = group.image[modes[first].origin.slot], last = modes.count;
@@ -231,8 +232,9 @@ void write_shares(const PosteriorData& data, const Group& group, const Modes& mo
     data.stationary[image] = modes[first].stationary;
 }
 
-// Find mean and covariance of the WIDTH modes from `first` on, one a lane, the last in
-// all that are left over; the `whole` covariance or only the blocks of each landmark.
+// Set `description` to mean and covariance of the WIDTH modes from `first` on, one a
+// lane; lanes that are left over repeat the last mode. The covariance is `whole`, or
+// only the block (3, 3) of each landmark.
 void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
                     Index first, bool whole, LaneWorkspace<Doubles>& lanes,
                     Description& description) {
@@ -293,11 +295,13 @@ struct Reweighed {
     double& least;
 };
 
-// Write the mixtures of the modes of the images of a group, and the modes themselves as
-// they are without lengths of limbs.
-void combine(const PosteriorData& data, const Group& group, const Modes& modes,
-             LaneWorkspace<Doubles>& lanes, Description& description,
-             LimbLengths& limbs, double* covariance) {
+// Write mean and covariance of each image of a group: those of the mixture of its
+// modes. Where lengths of limbs are known, each mode is conditioned on them first, and
+// its share changes; modes that are stored one by one are not conditioned. lanes,
+// description and covariance (3 p, 3 p) are scratch memory.
+void write_mixtures(const PosteriorData& data, const Group& group, const Modes& modes,
+                    LaneWorkspace<Doubles>& lanes, Description& description,
+                    LimbLengths& limbs, double* covariance) {
     const Index d = 3 * data.landmarks.size[2],
                 most_stored = data.mode_component.size[1];
     const auto image_of = [&](Index i) { return group.image[modes[i].origin.slot]; };
@@ -355,12 +359,13 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
     modes.count = 0;
     for (Index slot = 0; slot < group.count; ++slot) {
         const Index before = modes.count;
-        if (precise || !group.failed[slot]) rank(modes, search.finished.count, slot);
+        if (precise || !group.failed[slot])
+            append_sorted(modes, search.finished.count, slot);
         if (modes.count > before) write_shares(data, group, modes, before);
         else set_failed(data, group.image[slot]);
     }
-    combine(data, group, modes, search.double_precision, description, limbs,
-            covariance);
+    write_mixtures(data, group, modes, search.double_precision, description, limbs,
+                   covariance);
 }
 
 }  // namespace

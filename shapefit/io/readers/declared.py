@@ -56,15 +56,15 @@ def check_json(kind: type[Kind], content: object) -> Kind:
     return values
 
 
-def parse_json(kind: type[Kind], text: str, what: str) -> Kind:
+def parse_json(kind: type[Kind], text: str, subject: str) -> Kind:
     """Parse a text of JSON, and check it against a declared type, see `check_json`.
 
-    `what` names the text in messages. Raises FormatError for what is not JSON, too.
+    The subject names the text in messages. FormatError, too, for what is not JSON.
     """
     try:
         content = orjson.loads(text)
     except ValueError as error:
-        raise FormatError(f"{what} is not whole JSON") from error
+        raise FormatError(f"{subject} is not whole JSON") from error
     return check_json(kind, content)
 
 

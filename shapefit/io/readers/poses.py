@@ -282,15 +282,15 @@ def library_reads(problem: str, fix: str = "") -> Iterator[None]:
         raise FormatError(problem, fix) from error
 
 
-def as_numbers(values: object, what: str) -> Floats:
+def as_numbers(values: object, subject: str) -> Floats:
     """Convert nested lists of numbers to an array, null to NaN; FormatError otherwise.
 
-    what: the name of the values in the message.
+    The subject names the values in the message.
     """
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"{what} are not all numbers, or of one length") from error
+        raise FormatError(f"{subject} are not all numbers, or of one length") from error
 
 
 def require(condition: object, problem: str, fix: str = "") -> None:
@@ -299,14 +299,17 @@ def require(condition: object, problem: str, fix: str = "") -> None:
         raise FormatError(problem, fix)
 
 
-def check_names(names: Sequence[str], what: str) -> None:
-    """Raise FormatError for names that are empty or occur twice."""
+def check_names(names: Sequence[str], noun: str) -> None:
+    """Raise FormatError for names that are empty or occur twice.
+
+    The noun says in the message what they name, such as "landmark".
+    """
     require(
         all(isinstance(name, str) and name for name in names),
-        f"a {what} without a name",
+        f"a {noun} without a name",
     )
     twice = next((name for name, number in Counter(names).items() if number > 1), "")
-    require(not twice, f"the {what} {twice!r} twice")
+    require(not twice, f"the {noun} {twice!r} twice")
 
 
 # Names.

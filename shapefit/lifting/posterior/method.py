@@ -319,7 +319,7 @@ def find_starts(
 def convert_to_pinhole(
     estimate: PosteriorEstimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> PosteriorEstimate:
-    """Convert an estimate to shapes before a pinhole camera, in the dictionary's unit.
+    """Convert an estimate to shapes in front of a camera, in the dictionary's unit.
 
     Translation, residual and error bars follow.
     """
@@ -368,7 +368,7 @@ def find_noise(problem: Problem) -> Floats:
 
 
 class Rays(NamedTuple):
-    """The rays of n images of landmarks before a pinhole camera, see above.
+    """The rays of n images of landmarks seen by a pinhole camera, see above.
 
     landmarks f u (n, 2, p), slopes +-u (n, 2, p), and focal f (n,), the geometric mean
     of both focal lengths.

@@ -157,7 +157,10 @@ class AtomFamily:
         return fit
 
     def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
-        """Lift images by the method, and refine them before a perspective camera."""
+        """Lift images, then refine pose and coefficients for the camera, if any.
+
+        Methods that look through the camera themselves are not refined.
+        """
         w = images.as_columns()
         estimator = ESTIMATORS[self.method](self)
 

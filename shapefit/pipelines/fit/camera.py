@@ -107,9 +107,9 @@ def choose_camera(
     return assume_camera(given, size, images)
 
 
-def weak_perspective(why: str) -> CameraChoice:
-    """Return the choice of weak perspective; `why` is the end of its line."""
-    return CameraChoice({"focal": "none"}, f"weak perspective{why}")
+def weak_perspective(suffix: str) -> CameraChoice:
+    """Return the choice of weak perspective; the suffix of its line says why."""
+    return CameraChoice({"focal": "none"}, f"weak perspective{suffix}")
 
 
 def stated_camera(camera: CameraConfig, size: Size) -> CameraChoice:

@@ -16,7 +16,7 @@ def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
     """Add the certificate of the convex program to a fit, nan for images that failed.
 
     is_of_fit, whether the objective of the program is that of the fit, if this was not
-    refined before a camera.
+    refined in perspective.
     """
     certificate = lifting.estimate.convex_proof
     if certificate is None:

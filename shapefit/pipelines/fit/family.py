@@ -134,7 +134,7 @@ class Family(Protocol):
         ...
 
     def add_columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
-        """Return the fit with further columns, made of the lifting of its images."""
+        """Return the fit with the columns that this family adds, from its lifting."""
         ...
 
 

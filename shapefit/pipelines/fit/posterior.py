@@ -191,7 +191,7 @@ class PosteriorFamily:
         return LiftedImages(joints, detected)
 
     def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add to a fit error bars in its unit, and which images are trusted."""
+        """Return the fit with error bars in its unit, and a verdict on each image."""
         estimate = lifting.estimate
         scaled = estimate.scale_error_bars(lifting.scale[:, None, None])
         fit = replace(
@@ -210,7 +210,7 @@ class PosteriorFamily:
         return self.with_verdicts(fit, lifting)
 
     def with_verdicts(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add `trusted`, `reasons` and `expected_error` of each image to a fit.
+        """Return the fit with `trusted`, `reasons` and `expected_error` of each image.
 
         A reason is one of those in `trust`, or "" where the image is trusted.
         """

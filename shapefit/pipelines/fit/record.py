@@ -128,7 +128,10 @@ def with_detected(fit: Fit, detected: DetectorShapes | None) -> Fit:
 def find_position(
     lifting: Lifting[Estimate], dictionary: Dictionary
 ) -> NDArray[np.float64] | None:
-    """Return positions (n, 3) before the camera, in the dictionary's unit, or None."""
+    """Return positions (n, 3) of objects in the frame of the camera, None if unknown.
+
+    They are in the dictionary's unit.
+    """
     view = lifting.perspective
     estimate = lifting.estimate
     if view is None or dictionary.atom_scale is None:

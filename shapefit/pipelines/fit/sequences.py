@@ -109,7 +109,7 @@ class SequenceFamily:
         return self.of_images.convert_to_joints(lifting, images)
 
     def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add the columns of single images and those of sequences to a fit."""
+        """Return the fit with error bars, verdicts, and what only sequences tell."""
         estimate = lifting.estimate
         return replace(
             self.of_images.add_columns(fit, lifting),

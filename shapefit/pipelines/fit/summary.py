@@ -116,7 +116,7 @@ class Tally:
     judged images have a verdict; errors are those expected of trusted ones, in metres;
     outliers and visible (p,) count images by landmark, None without a prior. bodies
     have both ends. solved images have a gap; largest_gap is that of them all, and
-    largest_convex_gap that of convex programs that were refined before a camera.
+    largest_convex_gap that of convex programs that were refined in perspective.
     """
 
     images: int = 0
@@ -161,7 +161,7 @@ class Tally:
     def add_gaps(self, record: Fit) -> None:
         """Add solved and optimal images, and keep the largest gap.
 
-        A fit that was refined before a camera has no gap but that of the convex program
+        A fit that was refined in perspective has no gap but that of the convex program
         from which it started.
         """
         if record.relative_gap is None:

@@ -348,7 +348,7 @@ def evidence_of_mirror(
     w[..., 0] = 2 * middle - w[..., 0]
 
     def evidence(images: Landmarks) -> Floats:
-        """Return the log evidence (n,) of images before their cameras."""
+        """Return the log evidence (n,) of images in perspective."""
         lifting = lift_images(images, dictionary, perspective=True)
         return lifting.estimate.log_evidence
 

@@ -201,7 +201,7 @@ class _Space(NamedTuple):
 
 
 def _space_of(content: Content) -> _Space:
-    """Return whether a result is before a camera, and whether it knows metres."""
+    """Return whether a result is in front of a camera, and whether it knows metres."""
     metres = content.values.get("metres_per_unit")
     in_metres = metres is not None and bool(np.isfinite(metres).any())
     return _Space(has_camera(content), in_metres)

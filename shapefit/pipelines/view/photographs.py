@@ -190,8 +190,8 @@ def last_number(text: str) -> int:
     return int(end[1]) if end else -1
 
 
-def notes_on_missing(folder: Path, items: int, there: int) -> Iterator[str]:
-    """Yield a note where some items have no photograph."""
-    if there < items:
-        lacking = counted(items - there, "frame")
+def notes_on_missing(folder: Path, items: int, photographs: int) -> Iterator[str]:
+    """Yield a note where a folder has fewer photographs than there are items."""
+    if photographs < items:
+        lacking = counted(items - photographs, "frame")
         yield f"{lacking} of {items} without a photograph in {folder.name}."

@@ -183,7 +183,10 @@ def _read_records(
 
 
 def _frame_numbers(contents: Sequence[Content], n: int) -> Floats:
-    """Return the number (n,) of each frame in its video, by the first file with one."""
+    """Return the number (n,) of each frame in its video, nan where it is unknown.
+
+    It is that of the first file which states one.
+    """
     numbers = np.full(n, np.nan)
     for content in contents:
         stated = content.values.get(FRAME)
@@ -195,7 +198,7 @@ def _frame_numbers(contents: Sequence[Content], n: int) -> Floats:
 def _find_role(path: Path, options: InputOptions) -> Role:
     """Return the role of a file: result, shapes or landmarks, by what it holds.
 
-    CSV with a column z is a result: shapes before a camera.
+    CSV with a column z is a result: shapes in front of a camera.
     """
     kind = find_kind(path, options)
     if kind == "dictionary":

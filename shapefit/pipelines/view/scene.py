@@ -262,7 +262,7 @@ def _is_individual_each(
 def _find_floors(
     contents: Sequence[Content], frames: Frames, rate: float
 ) -> Mapping[str, Floor]:
-    """Return the floor of each video, by the first result that knows any."""
+    """Return name of the video -> its floor, from the first result that has floors."""
     for result in _results(contents):
         floors = _floors_of(result, frames, rate)
         if floors:
@@ -395,7 +395,7 @@ def _quality_facts(
 
 
 def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, by the frames of the page."""
+    """Return name of the video -> its floor, from a result; {} without any."""
     if not has_camera(result) or "metres_per_unit" not in result.values:
         return {}
     records = result.records
@@ -489,7 +489,7 @@ def _edges(
 
 
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
-    """Return width and height of the images, by a file or a camera, or None.
+    """Return width and height of the images, from the first file that tells, or None.
 
     A camera has no size: twice its principal point is taken, where y points down.
     """
