@@ -251,13 +251,13 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         """
         for name, value in self._root_attributes().items():
             yield describe_attribute("/", name, value)
-        groups: set[str] = set()
         for name, dataset in self._datasets.items():
             kind = kind_of_dtype(dataset.dtype)
             yield describe_values(name, kind, dataset.shape, self._digests[name])
-            groups.update(str(group) for group in PurePosixPath(name).parents)
         for name in self._per_item_datasets:
             yield describe_attribute(name, PER_ITEM, True)
+        in_groups = [PurePosixPath(name) for name in self._datasets if "/" in name]
+        groups = {str(group) for path in in_groups for group in path.parents}
         for group in groups - {"."}:
             yield ["Group", group]
 
