@@ -255,7 +255,7 @@ def intrinsics_of(images: Landmarks) -> tuple[Floats, Floats]:
 
 
 def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
-    """Raise InputError for a focal length or principal point that no camera has."""
+    """Raise InputError at `place` for a focal length or centre that no camera has."""
     is_focal = (focal >= MIN_FOCAL_PIXELS) & (focal <= MAX_CAMERA_PIXELS)
     is_centre = np.abs(centre) <= MAX_CAMERA_PIXELS
     if is_focal.all() and is_centre.all():
