@@ -16,8 +16,8 @@ body. What is found is off by a constant of each landmark and clip, and by noise
 correlation in time is that of OpenPose's residuals on the man on a beam
 (`pose2sim_balancing`, cameras 1 and 3: constants of 1.8 cm a coordinate, hips included,
 and the rest 1.6 and 2.2 cm with correlations of 0.78 and 0.85 from frame to frame at 60
-Hz, 0.65 and
-0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames at a time.
+Hz, 0.65 and 0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames
+at a time.
 """
 
 from __future__ import annotations

@@ -79,8 +79,8 @@ class PartLine(ManifestLine):
     rows (start, stop) of the one input, None for all; states, the bytes and time of
     change of each input; images, how many of them `failed`, how many are trusted, of
     methods with a prior, and how many are solved to their tolerance or not, with the
-    largest gap, for methods that state one; `bytes`
-    and digest of the contents of the result.
+    largest gap, for methods that state one; `bytes` and digest of the contents of the
+    result.
     """
 
     file: PartName

@@ -295,8 +295,8 @@ def _place_rows(
 def _combine_weights(grid: Grid, header: Header) -> Floats | None:
     """Return weights (n, p) = confidence x visible x (1 - occluded), None without any.
 
-    Each is 1 where its cell is empty.
-    Raises FormatError for what is no confidence and no yes or no.
+    Each is 1 where its cell is empty. Raises FormatError for what is no confidence and
+    no yes or no.
     """
     weights = None
     for axis in WEIGHTS:

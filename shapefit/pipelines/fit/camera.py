@@ -297,8 +297,7 @@ def remove_distortion(
 
     The lens is that of `calibrated`, whose matrix and so on they then have as datasets;
     where that is None it is the one of their own datasets, and without these they stay
-    as they are. A landmark that no point of the
-    scene can have in this lens is unseen.
+    as they are. A landmark that no point of the scene can have in this lens is unseen.
     """
     if calibrated is not None:
         stated = {
