@@ -143,8 +143,10 @@ def record_reach(place: Path, tests: list[str]) -> Reach:
 def passed_tests(
     cases: Iterable[ElementTree.Element],
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Return context -> name for pytest of the test functions that pass, and context ->
-    seconds of all, from the cases of a report in JUnit's XML.
+    """Read a JUnit report: the test functions that pass, and the seconds of all.
+
+    Returns context -> name as pytest takes it, of functions that pass, and context ->
+    seconds, of all. A context is the name by which coverage calls a function.
     """
     names: dict[str, str] = {}
     seconds: dict[str, float] = defaultdict(float)

@@ -406,7 +406,10 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 
 def _covariance(record: Fit) -> Floats | None:
-    """Return the covariance of all landmarks, or of each (n, p, 3, 3), or None."""
+    """Return the covariance of all landmarks, else of each, or None if it is unknown.
+
+    That of all is the field `shape_covariance`; those of each are (n, p, 3, 3).
+    """
     sd = record.shape_sd
     if record.shape_covariance is not None or sd is None:
         return record.shape_covariance
