@@ -134,8 +134,9 @@ CASES = (
 
 
 def learn(config: Path, data: Path) -> Path:
-    """Return the path of the dictionary of a config, learned once, from the data of the
-    detections or of motion capture.
+    """Learn the dictionary of a config, if that has not been done yet; return its path.
+
+    data: the folder of the detections; that of motion capture is `mocap` beside it.
     """
     target = FOLDER / f"{config.parent.name}-{config.stem}.h5"
     if not target.exists():

@@ -143,8 +143,10 @@ def record_reach(place: Path, tests: list[str]) -> Reach:
 def passed_tests(
     cases: Iterable[ElementTree.Element],
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Return the pytest id of each test function that passed, and the seconds of each
-    that ran, by its context of coverage, from the <testcase> elements of a report.
+    """Read a JUnit report: the test functions that pass, and the seconds of all.
+
+    Returns context -> name as pytest takes it, of functions that pass, and context ->
+    seconds, of all. A context is the name by which coverage calls a function.
     """
     names: dict[str, str] = {}
     seconds: dict[str, float] = defaultdict(float)

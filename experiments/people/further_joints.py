@@ -181,22 +181,24 @@ def align(shapes: Floats, dictionary: Dictionary) -> Floats:
 
 
 def extend_prior(
-    prior: Mixture, shapes: Floats, shrinkage: float, floor: float
+    prior: Mixture, shapes: Floats, shrinkage: float, variance_floor: float
 ) -> Mixture:
-    """Return a mixture over the p joints of shapes (n, 3, p) that extends the prior,
-    which is over the first ones, and agrees with it on these.
+    """Extend a prior over the first d joints to all p joints of shapes (n, 3, p).
+
+    Its marginal over the first d joints is the prior. shrinkage and variance_floor as
+    in `mixture_rounds`.
     """
     n, _, p = shapes.shape
     d = prior.means.shape[2]
     X = np.concatenate(
         [shapes[..., :d].reshape(n, -1), shapes[..., d:].reshape(n, -1)], axis=1
     )
-    density = expected_log_density(X[:, : 3 * d], prior, floor)
+    density = expected_log_density(X[:, : 3 * d], prior, variance_floor)
     share = np.exp(density - density.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
-    G = np.cov(X.T, bias=True) + floor * np.eye(3 * p)
+    G = np.cov(X.T, bias=True) + variance_floor * np.eye(3 * p)
     kappa = shrinkage / (1 - shrinkage) * n / len(prior)
-    visible = maximise(X, share, G, kappa, floor)
+    visible = maximise(X, share, G, kappa, variance_floor)
     means, mu = (
         visible.means.reshape(len(prior), -1),
         prior.means.reshape(len(prior), -1),

@@ -61,7 +61,7 @@ def digest_of_lines(lines: Iterable[DigestLine]) -> str:
 def _describe_attributes(
     name: str, node: h5py.Group | h5py.Dataset
 ) -> Iterator[DigestLine]:
-    """Yield a list to hash for each attribute of a node, except the stored digest."""
+    """Describe each attribute of a node, but the stored digest, as a list to hash."""
     for key in node.attrs:
         if name != "/" or key != CONTENTS:
             yield describe_attribute(name, key, node.attrs[key])

@@ -245,7 +245,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             self._digests.setdefault(name, ValuesDigest()).add(values)
 
     def _digest_lines(self) -> Iterator[DigestLine]:
-        """Yield a list to hash for each attribute, dataset and group in the file.
+        """Describe each attribute, dataset and group in the file as a list to hash.
 
         `digest_contents` reads the same from the file, which takes longer.
         """

@@ -91,7 +91,7 @@ def find_truth(
 
     By item or by frame and sequence: of the same name, else of one that ends alike
     (`cam01/anna` and `anna`), else of any, as long as that is one. Raises InputError
-    where no image has one.
+    at `place` where no image has one.
     """
     if match == BY_FRAME:
         rows = find_truth_by_frame(images, truth)
@@ -201,8 +201,8 @@ def names_in_dataset(
 ) -> tuple[str, ...]:
     """Return the name (n,) that a dataset of images holds for each of them.
 
-    BY_ITEM stands for the items. Raises InputError, which names the config's `key`,
-    where there is no such dataset.
+    BY_ITEM stands for the items. Raises InputError at `place` where there is no such
+    dataset; its message names the config's `key`.
     """
     if dataset == BY_ITEM:
         return tuple(images.items)

@@ -116,7 +116,10 @@ class LandmarkMatch(NamedTuple):
         return self.in_place and bool(self.dictionary.provenance.get(WHERE_MARKED))
 
     def arrange(self, images: Landmarks, place: str) -> Landmarks:
-        """Return images with the landmarks of the dictionary, in its order."""
+        """Return images with the landmarks of the dictionary, in its order.
+
+        Raises InputError at `place`, the file of the images, as `rename_to_joints`.
+        """
         named = rename_to_joints(images, self.joints, place)
         names = self.dictionary.landmark_names
         return arrange(named, names, place, omit=bool(self.unknown))
@@ -284,7 +287,10 @@ def find_joints(
 
 
 def rename_to_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
-    """Rename landmarks to the joints they stand for; average several of one joint."""
+    """Rename landmarks to the joints they stand for; average several of one joint.
+
+    Raises InputError at `place` as `rename_landmarks`.
+    """
     landmarks = images.landmarks
     confidence = images.confidence
     weights = images.weights()

@@ -433,9 +433,10 @@ def match_files(
 def certified_program(
     head: Fit, file: Path, path: Path, dictionary: Dictionary, fit: Statement
 ) -> CertifiedProgram:
-    """Return the convex program of a fit, as its certificates are checked against it.
+    """Return the convex program that a fit solved, by its config and its dictionary.
 
-    Raises InputError for another dictionary than that of the fit.
+    file is the result, path the dictionary. Raises InputError for another dictionary
+    than that of the fit.
     """
     names = f"{path}: landmark names"
     columns = match_landmarks(dictionary.landmark_names, head.landmark_names, names)

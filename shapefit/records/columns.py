@@ -314,7 +314,10 @@ def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Te
 def _take_counted(
     value: Array, count: Integers, rows: NDArray[np.integer] | slice
 ) -> Array:
-    """Return the rows of an array that belong to items `rows`, of `count` (n,) each."""
+    """Return the rows of an array that belong to items `rows`.
+
+    count (n,): how many rows of the array, in the order of items, belong to each item.
+    """
     ends = np.cumsum(count)
     taken = np.arange(len(count))[rows]
     ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]

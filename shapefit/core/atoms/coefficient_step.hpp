@@ -47,7 +47,7 @@ class CoefficientStep {
     }
     // out_e = <V_i, V_used_e> for e < m.
     void overlaps(Index i, const Index* used, Index m, double* out) const;
-    // h_i - lam sign.
+    // h_i - lam sign, the linear term of atom i.
     double linear_term(Index i, double sign) const { return along_[i] - lam_ * sign; }
     // Set `next` to the unused atom with the largest correlation with the residual, and
     // its sign; false where no correlation exceeds lam.

@@ -70,7 +70,8 @@ struct Planes {
     }
 };
 
-// Lay out the atoms B (k, 3, p) as planes.
+// Copy the atoms B (k, 3, p) to an array in which the atoms are innermost, padded with
+// zero atoms.
 Planes make_planes(Tensor<const double> atoms, Workspace& workspace);
 
 // N_i = Y B_i^T for all atoms: rows y0, y1 of Y (2, columns), N (6, padded).

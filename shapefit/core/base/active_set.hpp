@@ -243,14 +243,14 @@ struct DenseTerms {
     double* score;  // (k,), scratch memory
     Index k;
 
-    // Q_ii.
+    // Q_ii, the square of the length of vector i.
     double square(Index i) const { return Q[i * k + i]; }
-    // h_i.
+    // h_i, the linear term of coefficient i.
     double linear_term(Index i, double) const { return h[i]; }
-    // a_i.
+    // a_i, the factor of coefficient i in a^T x = 1.
     double size(Index i) const { return a[i]; }
 
-    // out_e = Q_i,used_e for e < m.
+    // out_e = Q_i,used_e for e < m, the inner products of vector i with the used ones.
     void overlaps(Index i, const Index* used, Index m, double* out) const {
         for (Index e = 0; e < m; ++e) out[e] = Q[i * k + used[e]];
     }

@@ -13,8 +13,9 @@ void subtract(double* __restrict row, double share, const double* other, Index j
     for (Index c = j / PADDING * PADDING; c < end; ++c) row[c] -= share * other[c];
 }
 
-// Overwrite rows i .. i + 3 of S, less the products of the rows above, by those of U,
-// and add their part of log det S; false where S is not positive definite.
+// Overwrite rows i .. i + 3 of S, from which the products of the rows above have been
+// subtracted, by rows of the Cholesky factor U, S = U^T U. Adds their part of log det
+// S; false where S is not positive definite.
 bool factorise_rows(double* S, Index i, Index stride, double& log_det) {
     double product = 1;
     for (Index r = i; r < i + TILE_ROWS; ++r) {

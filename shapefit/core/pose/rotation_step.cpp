@@ -15,7 +15,8 @@ constexpr double ROUNDING = 1e3 * 0x1p-52;
 constexpr double STATIONARY = 1e-11;
 constexpr int MAX_STEPS = 200;
 
-// The quadratic model of f in the turns of the camera frame: f, gradient and Hessian.
+// The quadratic model of the squared residual f by a turn of the camera frame: f,
+// gradient and Hessian.
 struct Model {
     SquaredResidual residual;
     double g[3], H[9];
@@ -36,7 +37,8 @@ struct InCamera {
     double X[3][3], E[2][3];
 };
 
-// f at R, with the best s where it is free, and its gradient and Hessian in turns of R.
+// The quadratic model of the squared residual f around R: f, gradient and Hessian, at
+// the best scale s where that is free.
 Model model_at(const ShapeMoments& moments, const Rotation& R) {
     const InCamera at(moments, R);
     const auto& X = at.X;
@@ -86,10 +88,11 @@ bool solve_shifted(const Model& model, double shift, double radius, double* turn
     return inner3(turn, turn) <= square(radius);
 }
 
-// The step -(H + shift I)^-1 g within the radius, and the fall of f that the model
-// promises. The shift is 0, or the first that is large enough of those that double;
-// from |g| / radius - min eigenvalue on each is. No step where the numbers are not
-// finite.
+// The step -(H + shift I)^-1 g, no longer than the radius, and the fall of f that the
+// model promises. The shift is 0 where that step is defined and short enough. Else it
+// doubles from |g| / (2 radius) on until the step is both, as it always is from
+// |g| / radius - (least eigenvalue of H) on. Where the numbers are not finite, the fall
+// is not either.
 Step find_step(const Model& model, double radius) {
     Step step{};
     const double first = root(inner3(model.g, model.g)) / (2 * radius);

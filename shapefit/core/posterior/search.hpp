@@ -36,8 +36,8 @@ struct Group {
           best(workspace.zeros<double>(capacity)),
           failed(workspace.zeros<bool>(capacity)) {}
 
-    // How many images a group has at most: as many as have MAX_ASCENTS ascents
-    // together.
+    // The largest number of images in a group: those of MAX_ASCENTS ascents together,
+    // at least 1 and at most IMAGES_PER_BLOCK.
     static Index capacity_of(const PosteriorData& data) {
         const Index images = MAX_ASCENTS / ascents_per_image(data);
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
@@ -64,7 +64,7 @@ struct Group {
             if (sees(image[0], j)) index[m++] = j;
     }
 
-    // Drop the images that have not failed.
+    // Drop the images for which single precision has not failed.
     void retain_failed() {
         const Index before = count;
         count = 0;
@@ -100,7 +100,7 @@ struct Ascents {
         }
     }
 
-    // The lanes of block b.
+    // The ascents of block b, one a lane.
     Ascent<Lanes>& block(Index b) const { return lanes[b]; }
     // The block that holds ascent i, in lane i % width.
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
@@ -270,7 +270,7 @@ void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& asce
                     add_ascent(data, group, {slot, pair}, ascents);
 }
 
-// L + log pi_k of ascent i.
+// L + log pi_k of ascent i: its log likelihood, and the log weight of its component.
 template <class Lanes>
 double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, Index i) {
     return ascents[i].found.value[i % width<Lanes>] +

@@ -235,7 +235,7 @@ def name_numbers(
     `wanted` is the skeleton; without one, and where not all are numbers, names stay.
 
     Numbers count from 0, or, where there is none of 0 and one of the last, from 1.
-    Raises InputError for numbers that the skeleton has not.
+    Raises InputError at `place` for numbers that the skeleton has not.
     """
     _check_skeleton(wanted)
     numbers = numbers_of(names)

@@ -195,8 +195,7 @@ def poses_from_frames(
 
     confidence (n, [i,] p); labels (n), by default numbers; frames (n), by default one
     after the other, and times (n); names of individuals (i); `present` (n, i), the
-    poses that count; `fields` of `Poses`. Raises FormatError for
-    sizes that differ.
+    poses that count; `fields` of `Poses`. Raises FormatError for sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1

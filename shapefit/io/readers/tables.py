@@ -162,9 +162,9 @@ def _describe_layout(header: Header) -> str:
 
 
 def _choose_body(bodies: Sequence[Body], dimensions: int | None) -> Body:
-    """Return the largest body of the wanted dimensions, else in 2D, else the largest.
+    """Return the first body of `dimensions` dimensions, else the first 2D, else any.
 
-    bodies: the largest first.
+    bodies: those of the most landmarks first.
     """
     for wanted in (dimensions, 2):
         for body in bodies:
@@ -295,8 +295,8 @@ def _place_rows(
 def _combine_weights(grid: Grid, header: Header) -> Floats | None:
     """Return weights (n, p) = confidence x visible x (1 - occluded), None without any.
 
-    Each is 1 where its cell is empty.
-    Raises FormatError for what is no confidence and no yes or no.
+    Each is 1 where its cell is empty. Raises FormatError for what is no confidence and
+    no yes or no.
     """
     weights = None
     for axis in WEIGHTS:
@@ -545,7 +545,7 @@ def _parse_integers(cells: Sequence[str]) -> list[int]:
 def _parse_frames(
     cells: Sequence[str], videos: Sequence[str] | None, named: bool
 ) -> tuple[Integers, Integers]:
-    """Convert cells to frames, 0 for the first of each video; return their order, too.
+    """Convert cells to frame numbers, from 0 in each video; return their order, too.
 
     The order is the indices that sort rows by video and frame. Frames of items that are
     named keep their numbers, as in our CSV. Raises FormatError for no whole number.
@@ -558,9 +558,9 @@ def _parse_frames(
 def _sort_by_video(
     values: Floats | Integers, videos: Sequence[str] | None
 ) -> tuple[Integers, Integers]:
-    """Return indices (n,) that sort rows by video and value; each one's first row (n,).
+    """Return the indices that sort rows by video and value, and each row's first row.
 
-    That is the row of least value in the same video.
+    Both (n,). The first row is that of the least value in the same video.
     """
     videos = videos or [""] * len(values)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
@@ -570,9 +570,10 @@ def _sort_by_video(
 
 
 def _frames_in_videos(seconds: Floats, videos: Sequence[str] | None) -> Integers:
-    """Convert times (n,) in seconds to frames, from 0 for the first time of each video.
+    """Convert times (n,) in seconds to frame numbers, which begin at 0 in each video.
 
-    They are those of one grid for all videos, else counted.
+    Where the times since the first of their video lie on one grid of equal steps, the
+    steps are counted; else the times. videos (n,): the name of each time's video.
     """
     _, first = _sort_by_video(seconds, videos)
     since = np.round(seconds - seconds[first], MICROSECONDS)

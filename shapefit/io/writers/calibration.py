@@ -131,7 +131,8 @@ def _find_pose(
 ) -> CameraPose:
     """Return the pose of a video's camera, by its extrinsics, its floor or the image.
 
-    The world is that of the files in metres: y is up.
+    The world is that of the files in metres: y is up. Raises InputError at `place` as
+    `_constant_value`.
     """
     rotation = _constant_value(records, EXTRINSIC_ROTATION, 2, place)
     if rotation is not None:
@@ -158,7 +159,7 @@ def _find_camera(
 ) -> WorldCamera:
     """Return the camera of a video: its pose, and lens and image size by its result.
 
-    Raises InputError where there is none, and as `_constant_value`.
+    Raises InputError at `place` where there is none, and as `_constant_value`.
     """
     focal = _constant_value(records, "focal", 1, place)
     centre = _constant_value(records, "principal_point", 1, place)
@@ -187,7 +188,8 @@ def _stated_size(attributes: Mapping[str, Attribute]) -> Floats | None:
 def _constant_value(records: Fit, name: str, axes: int, place: str) -> Floats | None:
     """Return the one value that a column has for all images; None if it is absent.
 
-    axes: the number of axes of one value. Raises InputError where images differ.
+    axes: the number of axes of one value. Raises InputError at `place` where images
+    differ.
     """
     values = records.column(name)
     if values is None:

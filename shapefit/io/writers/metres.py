@@ -93,7 +93,8 @@ def convert_to_metres(
 def with_stated_height(records: Fit, place: str) -> Fit:
     """Set `metres_per_unit` of a result so that bodies have its `stated_height`.
 
-    For each sequence; without a stated height the result stays as it is.
+    For each sequence; without a stated height the result stays as it is. Raises
+    InputError at `place` as `_find_upright_rotation`.
     """
     if records.stated_height is None:
         return records
@@ -113,7 +114,7 @@ def with_stated_height(records: Fit, place: str) -> Fit:
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     """Estimate heights (n,) of people from their bones, in the unit of the shapes.
 
-    None for other landmarks.
+    None for other landmarks. It is
 
     (|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body, of shapes (n,
     3, p): legs are the mean of both, hips and shoulders the middles of theirs.
@@ -145,8 +146,8 @@ def _find_upright_rotation(
 ) -> tuple[Floats, str]:
     """Return rotations (3, 3) or (n, 3, 3) that make y point up, and describe the axes.
 
-    Raises InputError for `up` of results that
-    have no extrinsics.
+    Raises InputError for `up` of results that have no extrinsics, and at `place` for
+    extrinsics of another shape.
     """
     up = options.up
     if isinstance(records, Shapes):
@@ -238,7 +239,7 @@ def _move_to_world(records: Fit, points: Floats, place: str) -> tuple[Floats, fl
     """Move points (n, 3, p) from the camera's origin to the world's, in metres.
 
     Returns them, and the largest distance of the camera. Without extrinsics they stay,
-    and the distance is 0.
+    and the distance is 0. Raises InputError at `place` as `_values_per_item`.
     """
     world = _values_per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
     if world is None or records.column(EXTRINSIC_ROTATION) is None:
@@ -252,8 +253,8 @@ def _values_per_item(
 ) -> Floats | None:
     """Return a column as an array (n, *shape); None if it is absent.
 
-    A column of the file, not per item, is repeated. Raises InputError for another
-    shape.
+    A column of the file, not per item, is repeated. Raises InputError at `place` for
+    another shape.
     """
     values = records.column(name)
     if values is None:

@@ -295,7 +295,7 @@ def find_floors(
 ) -> dict[str, Floor]:
     """Return video -> the floor that its people stand on, where it can be estimated.
 
-    It is that of trusted results under perspective. Raises InputError as
+    It is that of trusted results under perspective. Raises InputError at `place` as
     `convert_to_metres`.
     """
     names = records.landmark_names
@@ -325,7 +325,6 @@ def _filmed_body(
     track: Fit, frames: Integers, metric: MetricShapes
 ) -> FilmedBody | None:
     """Make a FilmedBody of one track, for `find_floor`; None if its height is unknown.
-
 
     frames (n,) are those of items. Doubtful shapes, and ankles that were not seen, are
     gaps; short ones are bridged.
@@ -407,7 +406,10 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 
 def _covariance(record: Fit) -> Floats | None:
-    """Return the covariance of all landmarks, or of each (n, p, 3, 3), or None."""
+    """Return the covariance of all landmarks, else of each, or None if it is unknown.
+
+    That of all is the field `shape_covariance`; those of each are (n, p, 3, 3).
+    """
     sd = record.shape_sd
     if record.shape_covariance is not None or sd is None:
         return record.shape_covariance
@@ -423,9 +425,9 @@ def _covariance(record: Fit) -> Floats | None:
 def _split_sequences(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
     """Split a record by sequence: name, items sorted by frame, and frames (n,) of each.
 
-    Records without frames are in the order of their items. Raises InputError where two
-    items of a sequence are of one frame, and where so many are missing that gaps cannot
-    be filled.
+    Records without frames are in the order of their items. Raises InputError at `place`
+    where two items of a sequence are of one frame, and where so many are missing that
+    gaps cannot be filled.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     stated = records.frames
@@ -471,7 +473,10 @@ def _visible_around(
 def _make_motion(
     sequence: NamedSequence, options: OutputOptions, place: str, floor: Floor | None
 ) -> FileMotion:
-    """Convert one sequence to metres, on a floor, with nan in frames that it lacks."""
+    """Convert one sequence to metres, on a floor, with nan in frames that it lacks.
+
+    Raises InputError at `place` as `convert_to_metres`.
+    """
     name, records, frames = sequence
     angles = _angles_on(floor, records)
     angle_sd = records.extras.get(ANGLE_SD, np.empty((len(records), 0)))
@@ -542,9 +547,9 @@ def _from_first(frames: Integers) -> Integers:
 
 
 def _trusted_frames(records: Shapes3D, frames: Integers, length: int) -> list[str]:
-    """Return "true" or "false", trusted or not, for each of `length` frames; else "".
+    """Return "true" or "false" for each of `length` frames, trusted or not, or "".
 
-    It is "" for frames without an item, and results without reasons.
+    It is "" for frames without an item, and in results without reasons.
     """
     trusted = np.full(length, "", dtype=object)
     if isinstance(records, Fit) and records.reasons is not None:

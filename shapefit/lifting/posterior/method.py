@@ -389,9 +389,9 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
 def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
     """Convert covariances (n, p, 2, 2) of noise to those of the landmarks f u of rays.
 
-    An uncertain focal length adds to them. Where the logarithm of
-    f is off by e, a point at the depth z of the shape is seen e u z away. Depths have
-    about the size of the shape, which is 1 for normalised landmarks.
+    An uncertain focal length adds to them. Where the logarithm of f is off by e, a
+    point at the depth z of the shape is seen e u z away. Depths have about the size of
+    the shape, which is 1 for normalised landmarks.
     """
     to_one_focal = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
     stretched = noise * to_one_focal[:, None, :, None] * to_one_focal[:, None, None, :]

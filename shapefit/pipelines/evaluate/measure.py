@@ -518,10 +518,10 @@ def _warn_of_units(
 def check_rotation_frames(
     metrics: Sequence[str], data: MetricData
 ) -> tuple[Sequence[str], list[str]]:
-    """Return the metrics without `rotation` where frames differ, and a note on that.
+    """Return metrics without `rotation` if object frames differ, and a note on that.
 
-    The frames are those of dictionary and truth. Then shapes fit the truth with a small
-    rotation, and their stated rotations are far from the true ones.
+    The frames are those of dictionary and truth. If they differ, shapes fit the truth
+    with a small rotation, and their stated rotations are far from the true ones.
     """
     if "rotation" not in metrics:
         return metrics, []

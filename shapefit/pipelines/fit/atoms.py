@@ -108,7 +108,10 @@ class AtomFamily:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Measure the seconds per image on one, or on several where all take long."""
+        """Predict seconds per image by lifting one of the sample, or several.
+
+        One is enough unless all `total` images take long.
+        """
         per_image = 0.0
         if total <= 1:
             return Cost(per_image, total)
@@ -126,7 +129,7 @@ class AtomFamily:
         return Calibration()
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield blocks of images, which are lifted one by one."""
+        """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
     def lift(self, images: Landmarks) -> LiftedImages:

@@ -255,7 +255,7 @@ def intrinsics_of(images: Landmarks) -> tuple[Floats, Floats]:
 
 
 def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
-    """Raise InputError for a focal length or principal point that no camera has."""
+    """Raise InputError at `place` for a focal length or centre that no camera has."""
     is_focal = (focal >= MIN_FOCAL_PIXELS) & (focal <= MAX_CAMERA_PIXELS)
     is_centre = np.abs(centre) <= MAX_CAMERA_PIXELS
     if is_focal.all() and is_centre.all():
@@ -297,8 +297,7 @@ def remove_distortion(
 
     The lens is that of `calibrated`, whose matrix and so on they then have as datasets;
     where that is None it is the one of their own datasets, and without these they stay
-    as they are. A landmark that no point of the
-    scene can have in this lens is unseen.
+    as they are. A landmark that no point of the scene can have in this lens is unseen.
     """
     if calibrated is not None:
         stated = {

@@ -43,13 +43,12 @@ class Calibration(NamedTuple):
     """Values of a fit that were estimated from a sample, for all of its parts.
 
     It is small enough for a manifest. camera, keys of that section of the config; lines
-    about what was settled, the
-    camera's first; warnings about all images. Of methods with a prior: skeleton,
-    factors of a detector's, None where it has none; prior_scale and
-    residual_variance; bar_scale, where a report of errors has changed it; growth (p,),
-    factors on covariances of landmarks, empty for none; shown (p,), which of them most
-    images show, empty if unknown; reason, why no image is to be trusted, "" for none;
-    numbers, stored with the result.
+    about what was settled, the camera's first; warnings about all images. Of methods
+    with a prior: skeleton, factors of a detector's, None where it has none; prior_scale
+    and residual_variance; bar_scale, where a report of errors has changed it; growth
+    (p,), factors on covariances of landmarks, empty for none; shown (p,), which of them
+    most images show, empty if unknown; reason, why no image is to be trusted, "" for
+    none; numbers, stored with the result.
     """
 
     camera: Mapping[str, CameraKey] = {}

@@ -167,7 +167,7 @@ class PosteriorFamily:
         )
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield blocks of images, which are lifted one by one."""
+        """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
     def lift(self, images: Landmarks) -> LiftedImages:

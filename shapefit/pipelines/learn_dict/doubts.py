@@ -36,7 +36,7 @@ OTHER_SIDE_SHARE = 0.3
 
 
 def check_not_flat(shapes: Shapes, place: str) -> None:
-    """Raise InputError where z is the same everywhere: 2D landmarks, not shapes."""
+    """Raise InputError at `place` where z is constant: 2D landmarks, not shapes."""
     z = shapes.shapes[..., 2]
     if not z.size or np.ptp(z) > 0:
         return

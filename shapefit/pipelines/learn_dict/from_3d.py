@@ -367,10 +367,11 @@ def learn_by_sparse_coding(
 def learn_prior(
     training: TrainingShapes, config: LearnDictConfig
 ) -> Generator[Result, None, Mixture]:
-    """Learn the mixture over the aligned shapes, varied as the section `prior` says.
+    """Learn the prior, a mixture over the aligned shapes or over varied copies of them.
 
-    Yields a result a round. Raises InputError for more components than shapes, and
-    bones that are no tree where they are to vary.
+    They are varied where the section `prior` asks for it. Yields a result a round.
+    Raises InputError for more components than shapes, and where bones are to vary that
+    are no tree.
     """
     prior = config.prior
     shapes = training.alignment.shapes
@@ -387,7 +388,7 @@ def learn_prior(
         shapes,
         components,
         shrinkage=prior.shrinkage,
-        floor=prior.floor,
+        variance_floor=prior.floor,
         max_rounds=MAX_MIXTURE_ROUNDS,
     )
     for number, learned in enumerate(rounds, start=1):
@@ -405,7 +406,11 @@ def number_of_components(number: int, prior: PriorConfig) -> int:
 
 
 def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
-    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean."""
+    """Return varied copies (copies n, 3, p) of the n aligned shapes, aligned again.
+
+    They are normalised, and turned onto the mean unless `align` is `none`. Raises
+    InputError where `edges` are no tree of bones.
+    """
     aligned = training.alignment.shapes
     points = aligned.shape[2]
     edges = training.original.edges

@@ -124,7 +124,10 @@ def _move_to_one_space(
 
 
 def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
-    """Return the layer of shapes of a file; its meshes are added to `meshes`."""
+    """Return the layer of a file of shapes; append its meshes, if any, to `meshes`.
+
+    More than MAX_MESHES are left out.
+    """
     layer: Layer = {
         "name": content.name,
         "role": content.role,

@@ -57,7 +57,10 @@ def embed_photographs(
 def _encode_photographs(
     paths: Mapping[int, Path], image: Sequence[float] | None, notes: list[str]
 ) -> Iterator[tuple[int, Picture]]:
-    """Yield each frame with its picture, encoded; faults of some go to the notes."""
+    """Yield each frame and its photograph as an encoded Picture; append to `notes`.
+
+    image and notes as in `read_photographs`.
+    """
     for frame, photograph in read_photographs(paths, image, notes):
         data = BytesIO()
         photograph.pixels.save(data, "JPEG", quality=75)
@@ -71,8 +74,9 @@ def read_photographs(
 ) -> Iterator[tuple[int, PlacedPhotograph]]:
     """Yield each frame with its photograph, at most `MAX_PICTURE_SIDE` pixels long.
 
-    Those that cannot be read, and those of another shape than the images, are told in
-    the notes at the end. Raises InputError where none can be read.
+    image: width and height of the images, if known. Photographs that cannot be read,
+    and those of another shape than the images, are told in the notes at the end. Raises
+    InputError where none can be read.
     """
     unreadable: list[str] = []
     odd: list[str] = []
