@@ -193,7 +193,13 @@ STARTS = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
 """Format -> the first bytes of its files."""
 
 
-@pytest.mark.parametrize("plots", STARTS)
+PLOTS = ["svg"] + [
+    pytest.param(plots, marks=pytest.mark.slow) for plots in ("png", "pdf")
+]
+"""Formats of figures, of which matplotlib takes longer to draw two."""
+
+
+@pytest.mark.parametrize("plots", PLOTS)
 def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
     desk.write("convex.h5", with_bars)
     *_, last = desk.run(plots=plots)
@@ -209,10 +215,7 @@ def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
     assert "<script" not in page
 
 
-SLOW_TO_DRAW = [pytest.param(plots, marks=pytest.mark.slow) for plots in ("png", "pdf")]
-
-
-@pytest.mark.parametrize("plots", ["svg", *SLOW_TO_DRAW])
+@pytest.mark.parametrize("plots", PLOTS)
 def test_figures_and_page_are_the_same_bytes_again(desk, with_bars, plots):
     desk.write("convex.h5", with_bars)
     desk.run(plots=plots)
