@@ -234,7 +234,8 @@ docs: $(READY)
 
 site: $(SITE_READY)
 	@$(BIN)/python tools/site.py
-	@echo "The site is in build/site/html; open index.html there."
+	@echo "The site is in build/site/html; open index.html there. Its search needs a server:"
+	@echo "  $(BIN)/python -m http.server --directory build/site/html"
 
 bench: $(ALL_READY)
 	$(BIN)/python -m benchmarks.bench $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)') $(BENCH_OPTIONS)

@@ -52,11 +52,13 @@ program.
 
 
 def main() -> None:
-    """Measure, print, judge."""
+    """Measure the cases against the release before, print them as a table, and end with
+    exit code 1 where a floor does not hold.
+    """
     arguments = read_arguments()
     base = arguments.base or find_base()
     table = Table(read_floors().get(base, {}).get(core.LEVEL, {}))
-    sides = base_environment(base), this_environment()
+    sides = install_base(base), install_working_tree()
     print(f"Against {base}, level {core.LEVEL}.\n\n{Table.heading}")
     with tempfile.TemporaryDirectory() as name:
         bench = Bench(
@@ -77,7 +79,9 @@ def main() -> None:
 
 
 def read_arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Return the options of the command line, None for folders of data that are not
+    there.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--data", type=Path, default=DATA / "mocap", help="motion capture files"
@@ -107,8 +111,10 @@ def find_base() -> str:
     return named.stdout.decode().strip() if named.returncode == 0 else FIRST_BASE
 
 
-def base_environment(revision: str) -> Environment:
-    """Install the revision in build/bench, once, as a user would."""
+def install_base(revision: str) -> Environment:
+    """Return the environment of a revision, installed in build/bench once, as a user
+    would.
+    """
     named = git("rev-parse", "--short=12", f"{revision}^{{commit}}")
     if named.returncode:
         sys.exit(f"bench: no revision {revision} in this repository")
@@ -122,8 +128,10 @@ def base_environment(revision: str) -> Environment:
     return environment
 
 
-def this_environment() -> Environment:
-    """Install what lies here; what it depends on stays from one run to the next."""
+def install_working_tree() -> Environment:
+    """Return the environment of the working tree, installed anew; its dependencies stay
+    from one run to the next.
+    """
     environment = Environment(PROJECT, PROJECT / "build/bench/this")
     again = ["--force-reinstall", "--no-deps"] if environment.command.is_file() else []
     install(environment, *again)
@@ -131,7 +139,9 @@ def this_environment() -> Environment:
 
 
 def install(environment: Environment, *options: str) -> None:
-    """Build a source with the tools that are here, and install it and what it needs."""
+    """Build a wheel of an environment's source, with the build tools of the running
+    one, and install it there with its dependencies; options are those of pip.
+    """
     if not environment.python.is_file():
         subprocess.run(
             [sys.executable, "-m", "venv", str(environment.folder)], check=True
@@ -159,7 +169,7 @@ def install(environment: Environment, *options: str) -> None:
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:
-    """Run git in the project."""
+    """Run git in the project; return its exit code and output, also where it fails."""
     return subprocess.run(
         ["git", *arguments], cwd=PROJECT, capture_output=True, check=False
     )
@@ -167,7 +177,9 @@ def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:
 
 @dataclass
 class Table:
-    """Rows as they come, judged by the floors of their cases."""
+    """The rows measured so far, and what is wrong with them by the floors of their
+    cases.
+    """
 
     floors: Mapping[str, float]
     rows: list[Row] = field(default_factory=list)
@@ -179,7 +191,7 @@ class Table:
     )
 
     def add(self, row: Row) -> str:
-        """Judge a row and return its line."""
+        """Add a row and its faults; return its line in Markdown."""
         self.rows.append(row)
         floor = self.floors.get(row.case)
         least = NOISE if floor is None else floor
@@ -212,13 +224,15 @@ class Table:
 
 
 def read_floors() -> dict[str, dict[str, dict[str, float]]]:
-    """Return floors by base, level and case."""
+    """Return base -> instruction set -> case -> least ratio, as floors.toml has
+    them.
+    """
     return tomllib.loads(FLOORS.read_text(encoding="utf-8"))
 
 
 def write_floors(base: str, level: str, ratios: Mapping[str, float]) -> None:
-    """Set the floors of the cases measured against a base at a level; the others
-    stay.
+    """Write floors from the ratios of the cases that were measured against a base at an
+    instruction set; the others stay.
     """
     floors = read_floors() if FLOORS.is_file() else {}
     of_level = floors.setdefault(base, {}).setdefault(level, {})

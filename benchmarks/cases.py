@@ -79,18 +79,18 @@ class Environment(NamedTuple):
 
     @property
     def python(self) -> Path:
-        """Its Python."""
+        """Return the path of its Python."""
         return self.folder / "bin/python"
 
     @property
     def command(self) -> Path:
-        """Its shapefit."""
+        """Return the path of its command `shapefit`."""
         return self.folder / "bin/shapefit"
 
 
 class Bench(NamedTuple):
-    """The two sides, the real data that there are, a folder for files, and whether in a
-    hurry.
+    """What the cases need: the environments of both versions, folders of real data
+    where there are any, a folder for files, and whether few repeats suffice.
     """
 
     old: Environment
@@ -102,13 +102,13 @@ class Bench(NamedTuple):
 
     @property
     def repeats(self) -> int:
-        """Turns of either side."""
+        """Return how often either version runs."""
         return 3 if self.quick else 5
 
 
 class Turn(NamedTuple):
-    """Seconds of one run, the share of images that ended well, and a sum of the
-    objectives.
+    """What one run took, seconds or GB of memory; the share of images that ended well;
+    and the sum of their objectives.
     """
 
     seconds: float
@@ -148,9 +148,10 @@ def compare(
     certified: bool = False,
     unit: str = "s",
 ) -> Row:
-    """Run both sides in turns; the ratio is the median of those of neighbouring turns.
+    """Run both versions in turns and return the row of a case; its ratio is the median
+    of those of each turn.
 
-    Times are images per second where their number is given, else figures in the unit.
+    Figures are images per second where the number of images is given, else in the unit.
     """
     before, now = sides
     turns = [(before(), now()) for _ in range(repeats)]
@@ -173,16 +174,16 @@ def compare(
 
 
 def cases(bench: Bench) -> Iterator[tuple[str, Callable[[], Row]]]:
-    """Yield what can be measured, each with its name."""
+    """Yield the name of each case and the function that measures it."""
     for name, build in kernels(bench):
         yield name, partial(compare_kernel, bench, name, build)
     for name, command in commands(bench).items():
         yield name, partial(compare_commands, bench, name, command)
-    yield "signal, k=2000, p=1000", partial(compare_answers, bench)
+    yield "signal, k=2000, p=1000", partial(compare_interrupts, bench)
 
 
 def kernels(bench: Bench) -> Iterator[tuple[str, Callable[[], Arrays]]]:
-    """Yield names of convex programs, and what makes their arrays."""
+    """Yield the name of each convex program and the function that makes its arrays."""
     if mocap := bench.mocap:
         frames = cache(partial(mocap_case, mocap))
         yield "subject 13", frames
@@ -198,7 +199,9 @@ def kernels(bench: Bench) -> Iterator[tuple[str, Callable[[], Arrays]]]:
 
 
 def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
-    """Write the arrays of a program and let warm processes of both sides take turns."""
+    """Compare the solvers of both versions on a convex program, in warm processes that
+    take turns.
+    """
     arrays, data = build(), bench.folder / "arrays.npz"
     np.savez(data, **arrays)
     with ExitStack() as stack:
@@ -212,7 +215,7 @@ def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
 
 
 class Worker:
-    """A process of worker.py, warm."""
+    """A process that runs worker.py on a file of arrays, and has solved it once."""
 
     def __init__(self, python: Path, data: Path) -> None:
         self._process = subprocess.Popen(
@@ -226,7 +229,7 @@ class Worker:
         self._read()
 
     def take_turn(self) -> Turn:
-        """Solve the program once."""
+        """Solve the program once; return what that took."""
         assert self._process.stdin
         self._process.stdin.write("go\n")
         self._process.stdin.flush()
@@ -247,7 +250,9 @@ class Worker:
 
 
 def hide(build: Callable[[], Arrays], share: float) -> Arrays:
-    """The case with a share of the landmarks hidden, a different mask each image."""
+    """Return the arrays that `build` makes, with a share of the landmarks hidden,
+    others in each image.
+    """
     arrays, rng = build(), np.random.default_rng(0)
     n, _, p = arrays["landmarks"].shape
     hidden = rng.random((n, p)).argsort(axis=1) < round(share * p)
@@ -257,24 +262,24 @@ def hide(build: Callable[[], Arrays], share: float) -> Arrays:
 
 
 def shuffle(build: Callable[[], Arrays]) -> Arrays:
-    """The case in another order, as single photographs come: no image has a
-    neighbour.
+    """Return the arrays that `build` makes, with the images in random order, so that
+    none resembles the one before it.
     """
     arrays = build()
     order = np.random.default_rng(0).permutation(len(arrays["landmarks"]))
     return arrays | {"landmarks": arrays["landmarks"][order]}
 
 
-def program(landmarks: Floats, atoms: Floats) -> Arrays:
-    """The convex program of normalised landmarks (n, 2, p), nan = hidden, and atoms (k,
-    3, p).
+def program_arrays(landmarks: Floats, atoms: Floats) -> Arrays:
+    """Return the arrays of the convex program of normalised landmarks (n, 2, p), nan =
+    hidden, and atoms (k, 3, p).
     """
     return {"landmarks": landmarks, "atoms": atoms, "lam": np.array(LAMBDA)}
 
 
 def made_case(n: int, k: int, p: int) -> Arrays:
-    """Exemplar shapes of a 10-dimensional family as atoms; other members of it, turned,
-    as images.
+    """Return the program of k shapes of a random 10-dimensional family as atoms, and n
+    other members of it, rotated, as images of p landmarks.
 
     Images come in runs of 50 between two shapes and two views, as frames of a sequence
     do.
@@ -282,10 +287,10 @@ def made_case(n: int, k: int, p: int) -> Arrays:
     rng = np.random.default_rng(0)
     mean, modes = rng.standard_normal((3, p)), rng.standard_normal((10, 3, p))
 
-    def shapes(weights: Floats) -> Floats:
+    def make_shapes(weights: Floats) -> Floats:
         return normalise(mean + 0.3 * np.tensordot(weights, modes, 1)).points
 
-    atoms = shapes(rng.standard_normal((k, 10)))
+    atoms = make_shapes(rng.standard_normal((k, 10)))
     atoms /= np.linalg.norm(atoms, axis=(1, 2))[:, None, None]
     runs = -(-n // 50)
     ends = rng.standard_normal((runs, 2, 10))
@@ -294,22 +299,25 @@ def made_case(n: int, k: int, p: int) -> Arrays:
     starts = random_rotations(runs, rng)
     about = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, np.pi / 4, 50))
     views = (about[None] @ starts[:, None]).reshape(-1, 3, 3)[:n]
-    landmarks = (views @ shapes(weights))[:, :2] + 0.02 * rng.standard_normal((n, 2, p))
-    return program(normalise(landmarks).points, atoms)
+    exact = (views @ make_shapes(weights))[:, :2]
+    landmarks = exact + 0.02 * rng.standard_normal((n, 2, p))
+    return program_arrays(normalise(landmarks).points, atoms)
 
 
 def random_case(n: int, k: int, p: int) -> Arrays:
-    """Atoms and images that have nothing in common: nearly all atoms are active."""
+    """Return the program of k random atoms and n random images of p landmarks, which
+    have nothing in common: nearly all atoms are active.
+    """
     rng = np.random.default_rng(0)
     atoms, w = rng.standard_normal((k, 3, p)), rng.standard_normal((n, 2, p))
     atoms = normalise(atoms).points
     atoms /= np.linalg.norm(atoms, axis=(1, 2))[:, None, None]
-    return program(normalise(w).points, atoms)
+    return program_arrays(normalise(w).points, atoms)
 
 
 def mocap_case(folder: Path) -> Arrays:
-    """All frames of subject 13 under the turntable, and the paper's dictionary of
-    subject 86.
+    """Return the program of all frames of subject 13, seen by a camera that goes round,
+    and the paper's dictionary of subject 86.
     """
     shapes = read_shapes([folder / "subject13_24fps.h5"])
     lengths = Counter(shapes.sequences)
@@ -320,38 +328,41 @@ def mocap_case(folder: Path) -> Arrays:
     retained = training.as_columns()[every_nth(training.sequences or (), 3)]
     aligned = generalised_procrustes(normalise(retained).points).shapes
     *_, learned = learn_atoms(aligned, 64, 0.1, iterations=15)
-    return program(views, learned.atoms)
+    return program_arrays(views, learned.atoms)
 
 
 def cars_case(folder: Path) -> Arrays:
-    """Annotated cars, each with its mask; all models but one as atoms."""
+    """Return the program of the annotated cars, each with landmarks of its own hidden,
+    and all models but one as atoms.
+    """
     models = read_shapes([folder / "models.h5"])
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
         (images,) = source.batches(source.count)
     w = arrange(images, models.landmark_names).as_columns()
     points = normalise(w, np.asarray(np.isfinite(w).all(axis=1))).points
-    return program(
+    return program_arrays(
         np.where(np.isfinite(w), points, np.nan),
         normalise(models.as_columns()).points[:-1],
     )
 
 
 def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
-    """Return what makes each command that is timed, by its name, for one of the
-    versions.
+    """Return name of the case -> function from an environment to the command that is
+    measured there.
     """
 
-    def made(one: Environment, name: str, *command: str | Path) -> Path:
+    def make_once(one: Environment, name: str, *command: str | Path) -> Path:
+        """Return the file that a command writes, run where it is not there yet."""
         target = bench.folder / ("new" if one is bench.new else "old") / name
         if not target.exists():
             target.parent.mkdir(exist_ok=True)
             run([one.command, *command, "-o", target])
         return target
 
-    def config(one: Environment, path: str) -> Command:
+    def config_options(one: Environment, path: str) -> Command:
         return ["-c", one.source / "configs" / path]
 
-    def one_image(one: Environment, dictionary: str | Path) -> Command:
+    def fit_one_image(one: Environment, dictionary: str | Path) -> Command:
         return [
             "fit",
             PROJECT / "sample_data/one_person.csv",
@@ -361,8 +372,8 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             "out.csv",
         ]
 
-    def copies(count: int) -> list[Path]:
-        """Make files of the same image, each of another name."""
+    def copy_image(count: int) -> list[Path]:
+        """Write so many files of the same image; return their paths."""
         folder = bench.folder / "copies"
         folder.mkdir(exist_ok=True)
         text = (PROJECT / "sample_data/one_person.csv").read_text()
@@ -371,17 +382,22 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             file.write_text(text)
         return files
 
-    def demo(one: Environment) -> Path:
-        return made(one, "demo.h5", "learn-dict", *config(one, "demo/learn-dict.yaml"))
+    def demo_dictionary(one: Environment) -> Path:
+        options = config_options(one, "demo/learn-dict.yaml")
+        return make_once(one, "demo.h5", "learn-dict", *options)
 
     found: dict[str, Callable[[Environment], Command]] = {
-        "one image": lambda one: [*one_image(one, demo(one)), "--set", "method=convex"],
-        "one image, people": lambda one: one_image(one, "people"),
+        "one image": lambda one: [
+            *fit_one_image(one, demo_dictionary(one)),
+            "--set",
+            "method=convex",
+        ],
+        "one image, people": lambda one: fit_one_image(one, "people"),
         "200 files of one image": lambda one: [
             "fit",
-            *copies(200),
+            *copy_image(200),
             "-d",
-            demo(one),
+            demo_dictionary(one),
             "-o",
             "copies.h5",
             "--set",
@@ -392,16 +408,16 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         data = ["--set", f"data={cars}"]
 
         def fit_cars(one: Environment, name: str) -> Command:
-            learned = made(
+            learned = make_once(
                 one,
                 "cars.h5",
                 "learn-dict",
-                *config(one, "cars/learn-dict.yaml"),
+                *config_options(one, "cars/learn-dict.yaml"),
                 *data,
             )
             return [
                 "fit",
-                *config(one, f"cars/{name}.yaml"),
+                *config_options(one, f"cars/{name}.yaml"),
                 *data,
                 "-d",
                 learned,
@@ -417,18 +433,19 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
     sequence = bench.mocap / "subject13_29_120fps_exact.h5"
     pickup = bench.mocap.parent / "nrsfm/pickup.h5"
 
-    def dictionary(one: Environment, kind: str = "mocap") -> Path:
-        given = ("learn-dict", *config(one, f"{kind}/learn-dict.yaml"), trained)
-        return made(one, f"dictionary-{kind}.h5", *given)
+    def learn_dictionary(one: Environment, kind: str = "mocap") -> Path:
+        options = config_options(one, f"{kind}/learn-dict.yaml")
+        return make_once(one, f"dictionary-{kind}.h5", "learn-dict", *options, trained)
 
-    def images(
+    def project_images(
         one: Environment, count: int, shuffled: bool = False, source: Path = tested
     ) -> Path:
-        whole = made(
+        """Return a file of `count` images of the source, its first or random ones."""
+        whole = make_once(
             one,
             f"{source.stem}.h5",
             "project",
-            *config(one, "mocap/project.yaml"),
+            *config_options(one, "mocap/project.yaml"),
             source,
         )
         target = whole.with_name(f"{source.stem}-{count}-{shuffled}.h5")
@@ -447,29 +464,32 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             )
         return target
 
-    def fit(one: Environment, *given: str | Path) -> Command:
-        return ["fit", *given, "-o", bench.folder / "out.h5"]
+    def fit_by(
+        one: Environment, method: str, landmarks: Path, dictionary: Path
+    ) -> Command:
+        out = bench.folder / "out.h5"
+        return [
+            *("fit", landmarks, "-d", dictionary),
+            *("--set", f"method={method}", "-o", out),
+        ]
 
-    def convex(one: Environment, given: Path) -> Command:
-        return fit(one, given, "-d", dictionary(one), "--set", "method=convex")
+    def fit_convex(one: Environment, landmarks: Path) -> Command:
+        return fit_by(one, "convex", landmarks, learn_dictionary(one))
 
-    def posterior(one: Environment) -> Command:
-        given = images(one, 2174)
-        return fit(
-            one, given, "-d", dictionary(one, "people"), "--set", "method=posterior"
-        )
+    def fit_posterior(one: Environment) -> Command:
+        images = project_images(one, 2174)
+        return fit_by(one, "posterior", images, learn_dictionary(one, "people"))
 
-    def sequences(one: Environment, given: Path) -> Command:
-        learned = dictionary(one, "people")
-        return fit(one, given, "-d", learned, "--set", "method=sequences")
+    def fit_sequences(one: Environment, landmarks: Path) -> Command:
+        return fit_by(one, "sequences", landmarks, learn_dictionary(one, "people"))
 
-    def table(name: str, frames: int) -> Path:
-        """Make a CSV of the frames of the longest sequence, to and fro until they are
-        enough.
+    def write_table(name: str, frames: int) -> Path:
+        """Write a CSV of so many frames, those of the longest sequence to and fro;
+        return its path.
         """
         target = bench.folder / f"{name}.csv"
         if not target.exists():
-            source = read_landmarks(images(bench.new, 10_000, source=sequence))
+            source = read_landmarks(project_images(bench.new, 10_000, source=sequence))
             labels, sequences = (
                 source.landmark_names or (),
                 list(source.sequences or ()),
@@ -488,35 +508,40 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
                         print(f"{name},{number:06},{label},{x:.5f},{y:.5f}", file=out)
         return target
 
-    def result(one: Environment) -> Path:
-        given = images(one, 21_740), "-d", dictionary(one), "--set", "method=convex"
-        return made(one, "result.h5", "fit", *given)
+    def fit_once(one: Environment) -> Path:
+        """Return the result of all images by `convex`."""
+        options = "-d", learn_dictionary(one), "--set", "method=convex"
+        images = project_images(one, 21_740)
+        return make_once(one, "result.h5", "fit", images, *options)
 
     return found | {
-        "fit, 21,740 images": lambda one: convex(one, images(one, 21_740)),
-        "fit, 21,740 images, shuffled": lambda one: convex(
-            one, images(one, 21_740, shuffled=True)
+        "fit, 21,740 images": lambda one: fit_convex(one, project_images(one, 21_740)),
+        "fit, 21,740 images, shuffled": lambda one: fit_convex(
+            one, project_images(one, 21_740, shuffled=True)
         ),
-        "posterior, 2,174 images": posterior,
-        "sequences, 4,592 frames": lambda one: sequences(
-            one, images(one, 10_000, source=sequence)
+        "posterior, 2,174 images": fit_posterior,
+        "sequences, 4,592 frames": lambda one: fit_sequences(
+            one, project_images(one, 10_000, source=sequence)
         ),
-        "one sequence of 10,000 frames, memory": lambda one: sequences(
-            one, table("walk", 10_000)
+        "one sequence of 10,000 frames, memory": lambda one: fit_sequences(
+            one, write_table("walk", 10_000)
         ),
-        "CSV of 100,000 images, memory": lambda one: convex(
-            one, table("images", 100_000)
+        "CSV of 100,000 images, memory": lambda one: fit_convex(
+            one, write_table("images", 100_000)
         ),
-        "info, CSV of 100,000 images": lambda one: ["info", table("images", 100_000)],
+        "info, CSV of 100,000 images": lambda one: [
+            "info",
+            write_table("images", 100_000),
+        ],
         "CSV of 100,000 images to HDF5": lambda one: [
             "convert",
-            table("images", 100_000),
+            write_table("images", 100_000),
             "-o",
             "images.h5",
         ],
         "eval, 21,740 images": lambda one: [
             "eval",
-            result(one),
+            fit_once(one),
             "--truth",
             tested,
             "-o",
@@ -526,22 +551,22 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         ],
         "verify, 21,740 images": lambda one: [
             "verify",
-            result(one),
+            fit_once(one),
             "-d",
-            dictionary(one),
+            learn_dictionary(one),
             "--landmarks",
-            images(one, 21_740),
+            project_images(one, 21_740),
         ],
         "learn-dict, people": lambda one: [
             "learn-dict",
-            *config(one, "people/learn-dict.yaml"),
+            *config_options(one, "people/learn-dict.yaml"),
             trained,
             "-o",
             "out.h5",
         ],
         "learn-dict, from 2D": lambda one: [
             "learn-dict",
-            made(one, "pickup.h5", "convert", pickup),
+            make_once(one, "pickup.h5", "convert", pickup),
             "-o",
             "out.h5",
         ],
@@ -551,19 +576,22 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 def compare_commands(
     bench: Bench, name: str, command: Callable[[Environment], Command]
 ) -> Row:
-    """Time a command of both versions in turns, in time of the processor; or take its
-    memory.
+    """Compare what a command takes in both versions, which run in turns: seconds of the
+    processor, or memory where the name of the case ends in `memory`.
     """
-    measure, unit = (peak, "GB") if name.endswith("memory") else (timed, "s")
+    in_memory = name.endswith("memory")
+    measure, unit = (measure_memory, "GB") if in_memory else (measure_seconds, "s")
     sides = [
         partial(measure, [one.command, *command(one), "-q"], bench.folder)
         for one in (bench.old, bench.new)
     ]
-    if measure is peak:
+    if in_memory:
         return compare(name, sides, 3, unit=unit)
     numpy = np.median(
         [
-            timed([bench.new.python, "-c", "import numpy"], bench.folder).seconds
+            measure_seconds(
+                [bench.new.python, "-c", "import numpy"], bench.folder
+            ).seconds
             for _ in range(5)
         ]
     )
@@ -572,8 +600,10 @@ def compare_commands(
     return Row(**{**vars(row), "imports": seconds / float(numpy)})
 
 
-def timed(command: Command, folder: Path) -> Turn:
-    """Run a command; return the processor's seconds of its processes."""
+def measure_seconds(command: Command, folder: Path) -> Turn:
+    """Run a command in a folder; return the seconds of the processor that it and its
+    processes use.
+    """
     before = os.times()
     run(command, folder)
     after = os.times()
@@ -583,8 +613,8 @@ def timed(command: Command, folder: Path) -> Turn:
     return Turn(spent)
 
 
-def peak(command: Command, folder: Path) -> Turn:
-    """Run a command; return the most memory that it has, in GB."""
+def measure_memory(command: Command, folder: Path) -> Turn:
+    """Run a command in a folder; return the most memory that it has, in GB."""
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -593,14 +623,16 @@ def peak(command: Command, folder: Path) -> Turn:
     return Turn(usage.ru_maxrss * 1024 / 1e9)
 
 
-def compare_answers(bench: Bench) -> Row:
-    """Time what either version takes from SIGINT to its end, PATIENCE at most."""
-    sides = [partial(answer, side.python) for side in (bench.old, bench.new)]
+def compare_interrupts(bench: Bench) -> Row:
+    """Compare how long a kernel of either version goes on after SIGINT."""
+    sides = [partial(time_interrupt, side.python) for side in (bench.old, bench.new)]
     return compare("signal, k=2000, p=1000", sides, bench.repeats)
 
 
-def answer(python: Path) -> Turn:
-    """Send SIGINT to a kernel; return the processor's seconds from there to the end."""
+def time_interrupt(python: Path) -> Turn:
+    """Send SIGINT to a kernel; return the seconds of the processor that it uses from
+    there to its end, PATIENCE at most.
+    """
     process = subprocess.Popen(
         [python, "-P", "-c", SOLVE],
         stderr=subprocess.DEVNULL,
@@ -619,7 +651,9 @@ def answer(python: Path) -> Turn:
 
 
 def wait_for(process: int, moment: float) -> float:
-    """Wait until a process has taken so much of the processor; return how much."""
+    """Wait until a process has used `moment` seconds of the processor; return how many
+    it has used.
+    """
     while (spent := seconds_of(process)) is not None:
         if spent >= moment:
             return spent
@@ -628,15 +662,17 @@ def wait_for(process: int, moment: float) -> float:
 
 
 def seconds_of(process: int) -> float | None:
-    """Return the processor's seconds of a process, None after its end."""
+    """Return the seconds of the processor that a process has used, None after its
+    end.
+    """
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     ticks = int(fields[11]) + int(fields[12])
     return None if fields[0] == "Z" else ticks / os.sysconf("SC_CLK_TCK")
 
 
 def run(command: Command, folder: Path | None = None) -> None:
-    """Run a command, silent unless it fails. Exit code 1, some items failed, is a
-    result too.
+    """Run a command in a folder. Raises RuntimeError, with what it printed, where its
+    exit code is more than 1, which says that some items failed.
     """
     with tempfile.TemporaryFile() as output:
         done = subprocess.run(

@@ -27,8 +27,8 @@ WITH_BARS = ("posterior", "sequences")
 
 
 def run(*arguments: str | Path, failures: bool = False) -> None:
-    """Run shapefit; with `failures` single items may fail. Raises SystemExit where it
-    fails.
+    """Run a command of shapefit. Raises SystemExit where it fails; with `failures`
+    single items may.
     """
     command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments)]
     code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
@@ -36,16 +36,16 @@ def run(*arguments: str | Path, failures: bool = False) -> None:
         raise SystemExit(f"failed: {' '.join(command)}")
 
 
-def settings(values: Sequence[str]) -> list[str]:
-    """Return `--set value` for each."""
+def set_options(values: Sequence[str]) -> list[str]:
+    """Return the options `--set VALUE` for values such as "key=1"."""
     return [part for value in values for part in ("--set", value)]
 
 
 def read_bodies(
     data: Path, files: Sequence[str], wanted: Sequence[str] = ()
 ) -> dict[str, Shapes]:
-    """Return the shapes of each body, by the number that its sequences begin with; all
-    or some.
+    """Return body -> its shapes in the files, for the wanted bodies or all; a body is
+    the number that the names of its sequences begin with.
     """
     bodies: dict[str, Shapes] = {}
     for name in files:
@@ -74,8 +74,8 @@ def write_images(path: Path, images: Landmarks) -> Path:
 
 
 def mean_errors(report: Path) -> dict[tuple[str, str], float]:
-    """Return the mean similarity error of each method and unit of a report of `eval`,
-    as JSON.
+    """Return (method, unit) -> mean similarity error in a report of `eval`, its
+    JSON.
     """
     summaries = json.loads(report.read_text(encoding="utf-8"))["summaries"]
     return {
@@ -85,9 +85,9 @@ def mean_errors(report: Path) -> dict[tuple[str, str], float]:
     }
 
 
-def cells(report: Path, methods: Sequence[str]) -> list[str]:
-    """Mean normalised errors of the methods, with millimetres where the truth is in
-    metres.
+def error_cells(report: Path, methods: Sequence[str]) -> list[str]:
+    """Return the mean normalised error of each method in a report as a text, with
+    millimetres where the truth is in metres; "" for a method that it lacks.
     """
     found = mean_errors(report)
     texts = []
@@ -98,9 +98,9 @@ def cells(report: Path, methods: Sequence[str]) -> list[str]:
     return texts
 
 
-def coverage(report: Path) -> list[str]:
-    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods
-    with bars.
+def coverage_cells(report: Path) -> list[str]:
+    """Return the calibration of each method with error bars in a report as a text: the
+    shares of the truth inside the 50% and 90% ellipsoids, and their normalised width.
     """
     texts = {}
     for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
@@ -112,20 +112,23 @@ def coverage(report: Path) -> list[str]:
 
 
 def write_page(folder: Path, text: str) -> None:
-    """Write index.md and print it."""
+    """Write a page in Markdown as index.md in the folder, and print it."""
     with atomic_path(folder / "index.md") as path:
         path.write_text(text, encoding="utf-8")
     print(text)
 
 
 def errors_and_bars(
-    title: str, head: list[str], rows: list[list[str]], regions: list[list[str]]
+    title: str, header: list[str], errors: list[list[str]], bars: list[list[str]]
 ) -> str:
-    """Return a page of rows of `cells` under the head, and then those of `coverage`."""
-    table = markdown_table(head, rows)
-    bars = markdown_table([head[0], *WITH_BARS], regions)
+    """Return a page in Markdown with a table of errors, of rows by `error_cells`, and
+    one of error bars, of rows by `coverage_cells`; each row begins with the name of a
+    set.
+    """
+    table = markdown_table(header, errors)
+    table_of_bars = markdown_table([header[0], *WITH_BARS], bars)
     return (
         f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the"
         " truth inside the 50% and the 90% ellipsoids of the error bars, and the"
-        f" median width of the latter, normalised.\n\n{bars}\n"
+        f" median width of the latter, normalised.\n\n{table_of_bars}\n"
     )

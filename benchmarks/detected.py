@@ -23,12 +23,12 @@ from benchmarks.coverage import (
     CONFIGS,
     DATA,
     WITH_BARS,
-    cells,
-    coverage,
+    coverage_cells,
+    error_cells,
     errors_and_bars,
     read_images,
     run,
-    settings,
+    set_options,
     write_images,
     write_page,
 )
@@ -57,8 +57,7 @@ DESK = {
 
 @dataclass(frozen=True)
 class Case:
-    """A file of detections and its truth (with names of their own), learned as `learn`
-    says.
+    """A file of detections with its truth, and what is learned and fitted on it.
 
     learn: configs of learn-dict for the methods without and with a prior, None where
     the first half of the frames trains; lambdas of convex and alternate; methods that
@@ -135,8 +134,9 @@ CASES = (
 
 
 def learn(config: Path, data: Path) -> Path:
-    """Learn the dictionary of a config, once; the data are those of the detections or
-    of mocap.
+    """Learn the dictionary of a config, if that has not been done yet; return its path.
+
+    data: the folder of the detections; that of motion capture is `mocap` beside it.
     """
     target = FOLDER / f"{config.parent.name}-{config.stem}.h5"
     if not target.exists():
@@ -147,7 +147,9 @@ def learn(config: Path, data: Path) -> Path:
 
 
 def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
-    """Write training shapes, judged landmarks and their truth into the folder."""
+    """Split a case by time: write training shapes, landmarks to fit and their truth
+    into the folder, and return the three paths.
+    """
     truth = read_shapes([data / f"{case.truth}.h5"], gaps=True)
     images = read_images(data / f"{case.landmarks}.h5")
     n = len(truth)
@@ -156,16 +158,18 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     columns = np.flatnonzero(known.mean(axis=0) >= KNOWN)
     rows = np.flatnonzero(known[:, columns].all(axis=1))
     paths = tuple(folder / name for name in ("training.h5", "landmarks.h5", "truth.h5"))
-    write_shapes(paths[0], of_landmarks(truth.take(rows), columns))
+    write_shapes(paths[0], take_landmarks(truth.take(rows), columns))
     write_images(paths[1], images.take(last))
     write_shapes(paths[2], truth.take(last))
     return paths[0], paths[1], paths[2]
 
 
-def of_landmarks(
+def take_landmarks(
     shapes: Shapes, columns: np.ndarray[tuple[int], np.dtype[np.intp]]
 ) -> Shapes:
-    """Return shapes with some of their landmarks, and the edges between these."""
+    """Return shapes with the landmarks of these indices alone, and the edges between
+    them.
+    """
     place = {int(old): new for new, old in enumerate(columns)}
     edges = [] if shapes.edges is None else shapes.edges.tolist()
     retained = [(place[a], place[b]) for a, b in edges if a in place and b in place]
@@ -181,7 +185,8 @@ def of_landmarks(
 
 
 def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") -> Path:
-    """Fit one case by the methods and judge them; the report as JSON.
+    """Fit a case by each of the methods and compare with its truth; return the path of
+    the report in JSON.
 
     `people` is the dictionary of people with a prior, by default the one of subject 86.
     """
@@ -209,7 +214,7 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         whole = read_shapes([truth], gaps=True)
         truth = folder / "truth.h5"
         columns = np.flatnonzero(np.isin(np.array(whole.landmark_names), case.judged))
-        write_shapes(truth, of_landmarks(whole, columns))
+        write_shapes(truth, take_landmarks(whole, columns))
     methods = [method for method in methods if method in case.methods]
     rename = case.rename and {
         old: new
@@ -224,7 +229,7 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         dictionary = plain if method in lambdas else prior
         own = ["--set", f"lambda={lambdas[method]}"] if method in lambdas else []
         if method == "sequences":
-            own += settings(case.settings)
+            own += set_options(case.settings)
         config = CONFIGS / f"detected/fit-{method}.yaml"
         run(
             "fit",
@@ -256,10 +261,8 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
 
 
 def verdict_tables(folder: Path) -> str:
-    """Say whether the verdict on each frame is right: errors of trusted and of doubtful
-    frames.
-
-    One table by set and method, one by doubt over all sets.
+    """Return the errors of frames that are trusted and that are not, as Markdown: a
+    table by set and method, and one by reason over all sets.
     """
     rows: list[list[str]] = []
     reasons: dict[str, list[float]] = defaultdict(list)
@@ -285,10 +288,17 @@ def verdict_tables(folder: Path) -> str:
             name = report.parents[1].name
             counts = f"{bad.sum()} of {judged.sum()}"
             rows.append(
-                [name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])]
+                [
+                    name,
+                    method,
+                    counts,
+                    _mean_as_text(own[judged & ~bad]),
+                    _mean_as_text(own[bad]),
+                ]
             )
     of_reasons = [
-        [reason, str(len(own)), _mean(own)] for reason, own in sorted(reasons.items())
+        [reason, str(len(own)), _mean_as_text(own)]
+        for reason, own in sorted(reasons.items())
     ]
     first = markdown_table(
         ["set", "method", "doubted", "error, trusted", "error, doubted"], rows
@@ -296,13 +306,13 @@ def verdict_tables(folder: Path) -> str:
     return f"{first}\n\n{markdown_table(['reasons', 'frames', 'error'], of_reasons)}\n"
 
 
-def _mean(values: Sequence[float]) -> str:
+def _mean_as_text(values: Sequence[float]) -> str:
     known = np.array([value for value in values if np.isfinite(value)])
     return f"{known.mean():.3f}" if len(known) else "-"
 
 
 def main() -> None:
-    """Measure all cases and write the table."""
+    """Measure the cases by the methods and write the page of their tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "detected")
     parser.add_argument(
@@ -318,8 +328,8 @@ def main() -> None:
     for case in CASES:
         if not given.only or case.name.startswith(tuple(given.only)):
             report = measure(case, given.data, given.methods, given.people)
-            rows.append([case.name, *cells(report, given.methods)])
-            regions.append([case.name, *coverage(report)])
+            rows.append([case.name, *error_cells(report, given.methods)])
+            regions.append([case.name, *coverage_cells(report)])
             print(" | ".join(rows[-1]), flush=True)
     page = errors_and_bars(
         "# Detected landmarks", ["set", *given.methods], rows, regions

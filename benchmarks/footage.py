@@ -16,8 +16,8 @@ body. What is found is off by a constant of each landmark and clip, and by noise
 correlation in time is that of OpenPose's residuals on the man on a beam
 (`pose2sim_balancing`, cameras 1 and 3: constants of 1.8 cm a coordinate, hips included,
 and the rest 1.6 and 2.2 cm with correlations of 0.78 and 0.85 from frame to frame at 60
-Hz, 0.65 and
-0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames at a time.
+Hz, 0.65 and 0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames
+at a time.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import (
     PEOPLE,
     THETA,
+    body_parts,
     installed_skeletons,
     part_names,
-    parts_of_the_body,
     people_joints,
 )
 from shapefit.io.writers.motion import find_floors
@@ -110,7 +110,7 @@ ABOVE_THE_HIPS = tuple(
 
 @dataclass(frozen=True)
 class Cell:
-    """A way to be filmed.
+    """The conditions under which a body is filmed.
 
     landmarks that are seen, and whether their joints alone are judged; metres to the
     body, or heights of it where these are 0; focal length in widths; frames a second,
@@ -175,7 +175,9 @@ CELLS = (
 def choose_clips(
     shapes: Shapes, count: int, longest: float, rng: np.random.Generator
 ) -> list[Rows]:
-    """Return the rows of clips of random sequences, from a random frame on."""
+    """Return the rows of `count` clips of shapes, each of a random sequence and from a
+    random frame on, of at most `longest` seconds.
+    """
     names, rate = np.array(shapes.sequences), shapes.frame_rate or 24.0
     lengths = Counter(names.tolist())
     fine = [name for name, length in lengths.items() if length >= SECONDS[0] * rate]
@@ -189,15 +191,17 @@ def choose_clips(
     return clips
 
 
-def move(points: Floats, given: float, cell: Cell) -> tuple[Floats, float]:
-    """Return a clip (t, 3, p) of a frame rate as the cell has it, and its frame
-    rate.
+def change_motion(
+    points: Floats, frame_rate: float, cell: Cell
+) -> tuple[Floats, float]:
+    """Return a clip (t, 3, p), of this frame rate, with the frame rate, speed and turn
+    of a cell, and its new frame rate.
     """
-    rate = cell.rate or given
-    if rate != given or cell.speed != 1:
-        last = (len(points) - 1) / given
+    rate = cell.rate or frame_rate
+    if rate != frame_rate or cell.speed != 1:
+        last = (len(points) - 1) / frame_rate
         times = cell.speed * np.arange(int(last * rate) + 1) / rate
-        points = CubicSpline(np.arange(len(points)) / given, points)(times)
+        points = CubicSpline(np.arange(len(points)) / frame_rate, points)(times)
     if cell.turn:
         middle = points.mean(axis=(0, 2))[:, None]
         turns = rotation_about_axis(
@@ -207,14 +211,14 @@ def move(points: Floats, given: float, cell: Cell) -> tuple[Floats, float]:
     return points, rate
 
 
-def look(
+def place_before_camera(
     points: Floats,
     rng: np.random.Generator,
     cell: Cell = BASE,
     aim: Sequence[int] | None = None,
 ) -> tuple[Floats, float]:
-    """Return a clip (t, 3, p), y up, as a camera aimed at joints has it, and its focal
-    length.
+    """Return a clip (t, 3, p), y up, in the frame of a random camera that is aimed at
+    some joints, all by default; and its focal length in pixels.
     """
     tall = float(np.ptp(points[:, 1], axis=1).max())
     yaw = rng.uniform(0, 2 * np.pi)
@@ -239,8 +243,8 @@ def lasting_noise(
     rng: np.random.Generator,
     memory: float = BASE.memory,
 ) -> Floats:
-    """Noise (t, 2, m) in metres: a constant, and what forgets itself in `memory`
-    seconds.
+    """Return noise (t, 2, m) in metres: a constant of each landmark, and a part whose
+    correlation in time falls to 1/e in `memory` seconds.
     """
     keep = np.exp(-1 / (rate * memory))
     noise = rng.standard_normal((frames, 2, landmarks))
@@ -250,10 +254,12 @@ def lasting_noise(
     return constant + LASTING * noise
 
 
-def gaps(
+def random_gaps(
     frames: int, landmarks: int, rng: np.random.Generator, rate: float = 24.0
 ) -> NDArray[np.bool_]:
-    """Which landmarks (t, m) are not found: gaps begin and end by chance."""
+    """Return flags (t, m) of the landmarks that are hidden, in gaps that begin and end
+    at random.
+    """
     length = max(GAP * rate, 1.0)
     begins, ends = UNSEEN / (1 - UNSEEN) / length, 1 / length
     hidden = np.empty((frames, landmarks), dtype=bool)
@@ -263,13 +269,13 @@ def gaps(
     return hidden
 
 
-def landmark_rows(
+def joint_weights(
     names: Sequence[str], joints: Sequence[str], theta: Mapping[str, float]
 ) -> tuple[Floats, list[int]]:
-    """Return the weights (m, p) of the joints in landmarks, and the joints that these
-    stand for.
+    """Return the weights (m, p) of the joints whose weighted sums are the landmarks,
+    and the indices of the joints that landmarks stand for.
     """
-    parts = [parts_of_the_body()[part] for part in part_names(names).values()]
+    parts = [body_parts()[part] for part in part_names(names).values()]
     if set(names) <= set(joints):  # the joints themselves
         theta = dict.fromkeys(theta, 1.0)
     rows = np.zeros((len(names), len(joints)))
@@ -282,15 +288,15 @@ def landmark_rows(
 def film(
     shapes: Shapes, clips: Sequence[Rows], rng: np.random.Generator, cell: Cell = BASE
 ) -> tuple[Landmarks, Shapes]:
-    """Return what a detector finds in clips of a body, and the truth as the camera has
-    it.
+    """Return the landmarks that a detector finds in clips of a body, in pixels, and the
+    true shapes in the frame of the camera.
     """
     theta = {
         name: THETA[name].mean * np.exp(spread * rng.standard_normal())
         for name, spread in BODY_SPREAD.items()
     }
     joints, names = shapes.landmark_names, cell.landmarks
-    rows, shown = landmark_rows(names, joints, theta)
+    rows, shown = joint_weights(names, joints, theta)
     aim = shown if cell.seen_alone else None
     other = [
         names.index(SIDES.get(name[0], name[0]) + name[1:])
@@ -300,21 +306,23 @@ def film(
     besides = np.random.default_rng(len(clips))
     found, truth, sequences, rate = [], [], [], 0.0
     for number, clip in enumerate(clips):
-        points, rate = move(shapes.as_columns()[clip], shapes.frame_rate or 24.0, cell)
+        points, rate = change_motion(
+            shapes.as_columns()[clip], shapes.frame_rate or 24.0, cell
+        )
         t, m = len(points), len(names)
-        visible, focal = look(points, rng, cell, aim)
+        visible, focal = place_before_camera(points, rng, cell, aim)
         visible[:, 2] += cell.leave * np.arange(t)[:, None] / rate
         marks = visible @ rows.T
         marks[:, :2] += lasting_noise(t, m, rate, rng, cell.memory)
         pixels = focal * marks[:, :2] / marks[:, 2:] + np.array(SIZE)[:, None] / 2
         if cell.pixel:
             pixels = cell.pixel * np.round(pixels / cell.pixel)
-        hidden = gaps(t, m, rng, rate)
+        hidden = random_gaps(t, m, rng, rate)
         if cell.hidden:
             start = int(besides.integers(0, max(t - int(rate), 1)))
             hidden[start : start + int(rate), besides.permutation(m)[: m // 2]] = True
         if cell.swapped:
-            swapped = gaps(t, 1, besides, rate)[:, 0]
+            swapped = random_gaps(t, 1, besides, rate)[:, 0]
             pixels[swapped] = pixels[swapped][..., other]
         found.append(np.where(hidden[:, None], np.nan, pixels))
         truth.append(visible if aim is None else visible[..., aim])
@@ -348,13 +356,13 @@ def measure(
     count: int,
     longest: float,
 ) -> dict[str, Any]:
-    """Film so many clips of a body, the longest of so many seconds; lift and judge
-    them.
+    """Simulate detections in `count` clips of a body, of at most `longest` seconds,
+    lift them and compare with the truth; return column -> value of its row for a cell.
 
-    Returns the errors of the methods, means over the clips, and that of sequences over
-    posterior; the shares of the truth inside the 90% ellipsoids of both; of sequences,
-    the share of frames that are trusted, and the errors of trusted and other frames,
-    where these are ten or more.
+    These are the errors of the methods, means over the clips, and that of sequences
+    over posterior; the shares of the truth inside the 90% ellipsoids of both; of
+    sequences, the share of frames that are trusted, and the errors of trusted and other
+    frames, where these are ten or more.
     """
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
@@ -408,9 +416,10 @@ def measure_dropped(
     count: int,
     longest: float,
 ) -> dict[str, Any]:
-    """Film so many clips of a body, and lose a share of their frames at random.
+    """Simulate detections in `count` clips of a body, of at most `longest` seconds,
+    drop a share of their frames at random, and lift the others; return column -> value.
 
-    Returns the errors of `sequences`, means over the clips, with the numbers of the
+    These are the errors of `sequences`, means over the clips, with the numbers of the
     frames and with the same images taken for consecutive ones, and how many frames it
     refines of all.
     """
@@ -419,7 +428,7 @@ def measure_dropped(
     images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng)
     names = np.array(images.sequences)
     frames = np.concatenate(
-        [np.arange((names == name).sum()) for name in set_of(names)]
+        [np.arange((names == name).sum()) for name in unique_in_order(names)]
     )
     order = np.random.default_rng(round(100 * share)).permutation(len(names))
     left = np.sort(order[: round(len(names) * (1 - share))])
@@ -444,9 +453,9 @@ def measure_dropped(
     return row
 
 
-def say_dropped(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the errors with numbered frames over those of joined ones, and the frames
-    that are refined, in a line.
+def dropped_as_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a line that sums up rows of `measure_dropped`: the errors with numbered
+    frames over those with joined ones, and how many frames are refined.
     """
     total = {key: sum(row[key] for row in rows) for key in rows[0] if key != "body"}
     ratio = total["numbered"] / total["joined"]
@@ -454,8 +463,8 @@ def say_dropped(rows: Sequence[Mapping[str, Any]]) -> str:
     return f"errors x {ratio:.3f}; {refined} of {total['images']} refined, not {joined}"
 
 
-def set_of(names: NDArray[np.str_]) -> list[str]:
-    """Return the different names, in their order."""
+def unique_in_order(names: NDArray[np.str_]) -> list[str]:
+    """Return the different names in the order in which they first occur."""
     return [*dict.fromkeys(names.tolist())]
 
 
@@ -466,10 +475,11 @@ def measure_floor(
     count: int,
     longest: float,
 ) -> tuple[Floats, Floats]:
-    """Film clips of a body that moves on y = 0; find the floor of each.
+    """Simulate clips of a body that moves on the floor y = 0, find the floor of each,
+    and return its errors (count, 3) and their standard deviations (count, 3).
 
-    Returns the errors (count, 3) of the height of the camera in metres, its pitch and
-    its roll in degrees, and their deviations; nan where no floor is found.
+    The columns are the height of the camera in metres, its pitch and its roll in
+    degrees; nan where no floor is found.
     """
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
@@ -502,9 +512,9 @@ def measure_floor(
     return errors, deviations
 
 
-def say_floor(errors: Floats, deviations: Floats) -> str:
-    """Return means and medians of absolute errors, and what 90% intervals hold, in a
-    line.
+def floor_as_text(errors: Floats, deviations: Floats) -> str:
+    """Return a line of the means and medians of absolute errors (n, 3) of the floor,
+    and of the shares inside the 90% intervals of their deviations (n, 3).
     """
     known = np.asarray(np.isfinite(errors).all(axis=1))
     away, z = np.abs(errors[known]), np.abs(errors / deviations)[known]
@@ -518,7 +528,7 @@ def say_floor(errors: Floats, deviations: Floats) -> str:
 
 
 def learn(body: str, data: Path) -> shapefit.Dictionary:
-    """Return a dictionary that does not know a body, learned once."""
+    """Return a dictionary of people learned, once, from other bodies than this one."""
     path = FOLDER / ("dictionary.h5" if body in SCORED else f"without-{body}.h5")
     if not path.exists():
         config, given = "learn-dict", ["--set", f"data={data}"]
@@ -533,7 +543,9 @@ def learn(body: str, data: Path) -> shapefit.Dictionary:
 
 
 def table(rows: Sequence[Mapping[str, Any]], bodies: Sequence[str]) -> str:
-    """Return the means of all cells over some bodies, as Markdown."""
+    """Return a table in Markdown: the mean of each column over the rows of some bodies,
+    for each cell.
+    """
     columns = [name for name in rows[0] if name not in ("cell", "body")]
     lines = []
     for cell in dict.fromkeys(row["cell"] for row in rows):
@@ -548,7 +560,9 @@ def table(rows: Sequence[Mapping[str, Any]], bodies: Sequence[str]) -> str:
 
 
 def main() -> None:
-    """Film, lift and judge all bodies in all cells, and write the tables."""
+    """Simulate detections of bodies in cells, lift and judge them, and write tables; or
+    measure floors, or the loss of frames, and print that.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     parser.add_argument("--bodies", nargs="+", help="of these bodies alone")
@@ -574,8 +588,8 @@ def main() -> None:
                 known = learn(body, given.data)
                 count = -(-given.clips // 2)
                 lost.append(measure_dropped(share, shapes, known, count, given.longest))
-                print(body, share, say_dropped(lost[-1:]), flush=True)
-            print("all", share, say_dropped(lost), flush=True)
+                print(body, share, dropped_as_text(lost[-1:]), flush=True)
+            print("all", share, dropped_as_text(lost), flush=True)
         return
     if given.floor:
         for cell in (BASE, replace(BASE, name="focal length right", focal=(1.1, 1.1))):
@@ -587,11 +601,11 @@ def main() -> None:
                 parts.append(
                     measure_floor(cell, shapes, known, given.clips, given.longest)
                 )
-                print(body, cell.name, say_floor(*parts[-1]), flush=True)
+                print(body, cell.name, floor_as_text(*parts[-1]), flush=True)
             print(
                 "all",
                 cell.name,
-                say_floor(*map(np.concatenate, zip(*parts, strict=True))),
+                floor_as_text(*map(np.concatenate, zip(*parts, strict=True))),
             )
         return
     rows = []
@@ -607,7 +621,9 @@ def main() -> None:
 
 
 def write(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write the rows as CSV, and the means over the bodies as a page."""
+    """Write the rows of all bodies and cells as CSV, and the means over bodies as a
+    page.
+    """
     with atomic_path(FOLDER / "cells.csv") as path, path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()

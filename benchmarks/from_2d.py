@@ -76,7 +76,7 @@ class Case:
 
 
 def e3d(found: Floats, truth: Floats) -> Floats:
-    """||X - X^|| / ||X|| (n,), centroids removed."""
+    """||found - truth||_F / ||truth||_F (n,) of shapes (n, 3, p), centroids removed."""
     apart = (
         found
         - found.mean(axis=2, keepdims=True)
@@ -88,18 +88,24 @@ def e3d(found: Floats, truth: Floats) -> Floats:
     return error
 
 
-def normalised(found: Floats, truth: Floats) -> Floats:
-    """Similarity error over the size of the truth (n,)."""
+def normalised_error(found: Floats, truth: Floats) -> Floats:
+    """Return the similarity error (n,) of shapes (n, 3, p) over the size of the
+    truth.
+    """
     return similarity_error(found, truth) / std(truth)
 
 
-def millimetres(found: Floats, truth: Floats) -> Floats:
-    """Similarity error (n,) in mm of a truth in metres with gaps."""
+def error_in_millimetres(found: Floats, truth: Floats) -> Floats:
+    """Return the similarity error (n,) in mm of shapes (n, 3, p), for a truth in metres
+    with gaps.
+    """
     return 1000 * similarity_error(found, truth)
 
 
-def read(paths: list[Path]) -> Landmarks:
-    """Read all images of some files, their items and sequences kept apart."""
+def read_files(paths: list[Path]) -> Landmarks:
+    """Read the images of several files as one record; the names of items and sequences
+    begin with that of their file.
+    """
     parts = []
     for path in paths:
         part = read_images(path)
@@ -113,15 +119,15 @@ def read(paths: list[Path]) -> Landmarks:
     return concatenate(parts)
 
 
-def published_sequence(
+def sequence_reader(
     name: str, damaged: bool
 ) -> Callable[[Path], tuple[Landmarks, Floats]]:
-    """Return a reader of a sequence in `nrsfm`, with hidden landmarks and noise where
-    damaged.
+    """Return a function that reads images and truth (n, 3, p) of a published sequence
+    from the folder of data, with hidden landmarks and noise where damaged.
     """
 
-    def given(data: Path) -> tuple[Landmarks, Floats]:
-        images = read([data / f"nrsfm/{name}.h5"])
+    def read(data: Path) -> tuple[Landmarks, Floats]:
+        images = read_files([data / f"nrsfm/{name}.h5"])
         if damaged:
             rng = np.random.default_rng(1)
             w = images.as_columns()
@@ -131,19 +137,20 @@ def published_sequence(
             images = images.with_points(np.where(hidden, np.nan, w).swapaxes(1, 2))
         return images, read_shapes([data / f"nrsfm/{name}_truth.h5"]).as_columns()
 
-    return given
+    return read
 
 
-def turntable(
+def turntable_reader(
     subject: int, every: int = 1, frames: int | None = FRAMES, *, edges: bool = False
 ) -> Callable[[Path], tuple[Landmarks, Floats]]:
-    """Return a reader of the first frames of each sequence, seen by a camera that turns
-    once.
+    """Return a function that reads images and truth (n, 3, p) of a subject from the
+    folder of data: every `every`-th of the first frames of each sequence, seen by a
+    camera that goes round once.
 
     The landmarks have edges, the bones, where asked for.
     """
 
-    def given(data: Path) -> tuple[Landmarks, Floats]:
+    def read(data: Path) -> tuple[Landmarks, Floats]:
         shapes = read_shapes([data / f"mocap/subject{subject}_24fps.h5"])
         names = np.array(shapes.sequences)
         rank = np.concatenate(
@@ -167,14 +174,16 @@ def turntable(
         )
         return images.take(slice(None, None, every)), X[::every]
 
-    return given
+    return read
 
 
-def rat(data: Path) -> tuple[Landmarks, Floats]:
-    """Return the detections of three cameras, and the truth with its gaps."""
+def read_rat(data: Path) -> tuple[Landmarks, Floats]:
+    """Read the detections of a rat by three cameras, and the truth (n, 3, p) with its
+    gaps, from the folder of data.
+    """
     folder = data / "detected/rat7m"
     cameras = [folder / f"camera{n}" for n in (1, 3, 5)]
-    images = read([camera.with_suffix(".h5") for camera in cameras])
+    images = read_files([camera.with_suffix(".h5") for camera in cameras])
     retained = [name for name in images.landmark_names if name not in LEFT_OUT]
     truth = []
     for camera in cameras:
@@ -187,20 +196,24 @@ def rat(data: Path) -> tuple[Landmarks, Floats]:
     return arrange(images, retained, omit=True), np.concatenate(truth)
 
 
-def first(
-    given: Callable[[Path], tuple[Landmarks, Floats]],
+def without_truth(
+    read: Callable[[Path], tuple[Landmarks, Floats]],
 ) -> Callable[[Path], Landmarks]:
-    """Return a reader of the images without their truth."""
-    return lambda data: given(data)[0]
+    """Return a function that reads the images alone, from one that reads their truth
+    too.
+    """
+    return lambda data: read(data)[0]
 
 
 def sequence_case(
     name: str, published: str, goal: float, damaged: bool = False
 ) -> Case:
-    """Return the case of a published sequence, learned from and lifted."""
-    given = published_sequence(name, damaged)
+    """Return the case of a published sequence, which is both learned from and
+    lifted.
+    """
+    read = sequence_reader(name, damaged)
     label = f"{name}-damaged" if damaged else name
-    return Case(label, published, goal, e3d, first(given), given)
+    return Case(label, published, goal, e3d, without_truth(read), read)
 
 
 def body_case(
@@ -211,25 +224,25 @@ def body_case(
     *,
     varied: bool = False,
 ) -> Case:
-    """Return the case of a body: learned from one subject, lifted on another or the
-    same.
+    """Return the case of a body: learned from the images of one subject, lifted on
+    those of another or the same.
 
-    varied: for other bodies, with the bones and sides of this one.
+    varied: learned for other bodies, with the bones and sides of this one.
     """
     learned, lifted = subjects
     if learned == lifted:
-        given = turntable(learned)
-        return Case(name, published, goal, normalised, first(given), given)
-    source = turntable(learned, frames=None, edges=varied)
-    target = turntable(lifted, every=10, frames=None)
+        read = turntable_reader(learned)
+        return Case(name, published, goal, normalised_error, without_truth(read), read)
+    source = turntable_reader(learned, frames=None, edges=varied)
+    target = turntable_reader(lifted, every=10, frames=None)
     of = f"subject-{learned}-{'varied' if varied else 'whole'}"
     options = OTHER_BODIES if varied else ()
     return Case(
         name,
         published,
         goal,
-        normalised,
-        first(source),
+        normalised_error,
+        without_truth(source),
         target,
         "posterior",
         of,
@@ -245,7 +258,14 @@ CASES = (
     sequence_case("pickup", "", 0.025, damaged=True),
     sequence_case("stretch", "", 0.027, damaged=True),
     body_case("subject-13", ".259 (convex, with 3D)", 0.215, (13, 13)),
-    Case("rat", "6-13 with 3D poses", 12.0, millimetres, first(rat), rat),
+    Case(
+        "rat",
+        "6-13 with 3D poses",
+        12.0,
+        error_in_millimetres,
+        without_truth(read_rat),
+        read_rat,
+    ),
     body_case("86-to-13", "", 0.27, (86, 13)),
     body_case("86-to-14", "", 0.27, (86, 14)),
     body_case("86-to-13-varied", "", 0.27, (86, 13), varied=True),
@@ -254,17 +274,18 @@ CASES = (
 
 
 def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ...]:
-    """Learn, fit, evaluate; return the row of the table. learned: dictionary ->
-    seconds, so far.
+    """Learn, fit and evaluate a case; return its row of the table.
+
+    learned: dictionary -> seconds that learning took, of all learned so far; added to.
     """
     folder = FOLDER / case.name
     folder.mkdir(parents=True, exist_ok=True)
     dictionary = FOLDER / f"{case.source or case.name}.h5"
     if dictionary not in learned:
         given = write_images(folder / "learned.h5", case.learned(data))
-        before = seconds()
+        before = seconds_of_commands()
         run("learn-dict", given, "-o", dictionary, *case.options)
-        learned[dictionary] = seconds() - before
+        learned[dictionary] = seconds_of_commands() - before
     images, truth = case.lifted(data)
     lifted = write_images(folder / "lifted.h5", images)
     taken = learned[dictionary]
@@ -285,8 +306,8 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
 
 
 def run(*arguments: str | Path) -> None:
-    """Run the command with one thread; failures of single images are part of the
-    result.
+    """Run a command of shapefit with one thread; single images may fail. Raises
+    SystemExit where it fails.
     """
     command = [sys.executable, "-m", "shapefit", *map(str, arguments)]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -295,14 +316,14 @@ def run(*arguments: str | Path) -> None:
         raise SystemExit(f"{' '.join(command)} ended with {done.returncode}")
 
 
-def seconds() -> float:
-    """Return the processor time of all commands so far."""
+def seconds_of_commands() -> float:
+    """Return the seconds of the processor that all commands so far have used."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def main() -> None:
-    """Write the table."""
+    """Measure the cases and write the table of all that were ever measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("cases", nargs="*", help="names of cases; all by default")

@@ -41,8 +41,8 @@ landmarks.
 
 
 def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
-    """Return mean / median of each oracle, normalised and in the unit of the truth, as
-    texts.
+    """Return a row of texts for each oracle, an estimate that knows the truth: its mean
+    / median error, normalised and in the unit of the truth.
 
     config: that of an evaluation. The dictionary is that of its first result, without
     the atoms of the shape that an image shows where the fit left these out. Shapes have
@@ -58,10 +58,10 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     assert found.landmarks is not None, "every fit has them"
     visible = np.isfinite(found.landmarks).all(axis=2).sum(axis=1)
     retained = np.flatnonzero(visible >= config.get("least_visible", 0))
-    shown = np.array([row_of[name] for name in _names(found, config["match"])])[
+    shown = np.array([row_of[name] for name in _entries(found, config["match"])])[
         retained
     ]
-    left_out = np.array(_names(found, fitted.get("leave_one_out")))[retained]
+    left_out = np.array(_entries(found, fitted.get("leave_one_out")))[retained]
     rows = []
     for name, oracle in ORACLES.items():
         error = np.full(len(shown), np.nan)
@@ -78,8 +78,8 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _names(found: shapefit.Fit, dataset: str | None) -> list[str]:
-    """Return what a dataset of a result names, an item for each image; "" without a
+def _entries(found: shapefit.Fit, dataset: str | None) -> list[str]:
+    """Return the entry of a dataset of a result for each image, as a text; "" without a
     dataset.
     """
     if dataset is None:
@@ -99,7 +99,9 @@ MAX_ROUNDS = 200
 
 
 def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
-    """Return the least similarity error (n,) of any of k atoms for each of n shapes."""
+    """Return the similarity error (n,) of the nearest atom to each shape, for shapes
+    (n, 3, p) and atoms (k, 3, p).
+    """
     errors = [
         similarity_error(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms
     ]
@@ -130,7 +132,9 @@ def best_combination(shapes: Floats, atoms: Floats) -> Floats:
 
 
 def _combine(shapes: Floats, atoms: Floats) -> Floats:
-    """Return the better of the two ends; all centred, none hidden."""
+    """Return the better combination (n, 3, p) of two alternations: from the mean of the
+    atoms, and from the nearest atom; all are centred, no landmark is hidden.
+    """
     sizes = np.linalg.norm(atoms, axis=(-2, -1), keepdims=True)
     directions = atoms / np.maximum(
         sizes, np.finfo(np.float64).tiny
@@ -147,10 +151,9 @@ def _combine(shapes: Floats, atoms: Floats) -> Floats:
 
 
 def _alternate(shapes: Floats, atoms: Floats, start: Floats) -> tuple[Floats, Floats]:
-    """Take turns between rotations and non-negative least squares, from the rotations
-    onto start.
-
-    Returns the combinations (n, 3, p) and their squared residuals (n,).
+    """Alternate between rotations of the shapes and non-negative least squares, from
+    the rotations onto start (n, 3, p); return combinations (n, 3, p) and squared
+    residuals (n,).
     """
     size = (shapes**2).sum(axis=(-2, -1))
     combined, coefficients = start, None

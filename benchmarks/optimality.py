@@ -25,7 +25,9 @@ WITHIN = 0.01
 
 
 def sections(folder: Path) -> list[str]:
-    """Return the section of the index; nothing where the global search was not run."""
+    """Return the section of the index on optimality as paragraphs, from the results in
+    a folder; [] where the global search was not run.
+    """
     if not (folder / "global.h5").exists():
         return []
     with h5py.File(folder / "global.h5") as file:
@@ -38,13 +40,15 @@ def sections(folder: Path) -> list[str]:
         f"Certified to {WITHIN:.0%}: {certified:.2%} of {known.sum():,} images; largest"
         f" gap {gap[known].max():.2%}."
     ]
-    found = {name: read(folder / f"{stem}.h5") for name, stem in METHODS.items()}
+    found = {
+        name: read_objectives(folder / f"{stem}.h5") for name, stem in METHODS.items()
+    }
     objectives = np.stack([objective for objective, _ in found.values()])
     found["the better of both"] = (
         np.where(np.isnan(objectives), np.inf, objectives).min(0),
         None,
     )
-    rows = [row(name, best, *of_method) for name, of_method in found.items()]
+    rows = [method_row(name, best, *of_method) for name, of_method in found.items()]
     header = [
         "method",
         f"not optimal within {WITHIN:.0%}",
@@ -60,9 +64,9 @@ def sections(folder: Path) -> list[str]:
     ]
 
 
-def read(path: Path) -> tuple[Floats, Floats | None]:
-    """Return objectives and gaps (n,) of a result; ValueError where its model is not
-    global's.
+def read_objectives(path: Path) -> tuple[Floats, Floats | None]:
+    """Read objectives (n,) and relative gaps (n,) of a result. Raises ValueError where
+    its model is not that of the global search.
     """
     with h5py.File(path) as file:
         if json.loads(file.attrs["config"])["signed"]:
@@ -71,9 +75,11 @@ def read(path: Path) -> tuple[Floats, Floats | None]:
         return file["objective"][:], gap
 
 
-def row(name: str, best: Floats, objective: Floats, gap: Floats | None) -> list[str]:
-    """Return what a method's objectives and gaps (n,) say beside the best objectives
-    (n,).
+def method_row(
+    name: str, best: Floats, objective: Floats, gap: Floats | None
+) -> list[str]:
+    """Return the row of a method: how often and by how much its objectives (n,) exceed
+    the best ones (n,), and what its relative gaps (n,) consist of.
     """
     both = np.isfinite(best) & np.isfinite(objective) & (objective > 0)
     excess = objective[both] / best[both] - 1
@@ -95,7 +101,7 @@ def row(name: str, best: Floats, objective: Floats, gap: Floats | None) -> list[
 
 
 def main() -> None:
-    """Print the section."""
+    """Print the section on optimality, from the results in a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     print("\n\n".join(sections(parser.parse_args().folder)))

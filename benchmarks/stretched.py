@@ -44,8 +44,8 @@ STRETCHES = {
 }
 
 
-def is_named(images: Landmarks, dictionary: shapefit.Dictionary) -> bool:
-    """Whether a warning says that x and y have different scales."""
+def is_stretch_reported(images: Landmarks, dictionary: shapefit.Dictionary) -> bool:
+    """Whether a fit of the images warns that x and y have different scales."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         shapefit.fit(images, dictionary, method="posterior")
@@ -53,13 +53,17 @@ def is_named(images: Landmarks, dictionary: shapefit.Dictionary) -> bool:
 
 
 def stretch(images: Landmarks, factors: tuple[float, float]) -> Landmarks:
-    """Return images with x and y multiplied by factors, of no known size."""
+    """Return images with x and y multiplied by factors, and without the size of the
+    images unless both are 1.
+    """
     stretched = images.with_points(images.landmarks * np.array(factors))
     return stretched if factors == (1.0, 1.0) else stretched.without(["image_size"])
 
 
 def main() -> None:
-    """Film, stretch and lift; print how many clips of each kind are named."""
+    """Simulate detections in clips, stretch and lift them; print in how many clips of
+    each kind a stretch is reported.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     given = parser.parse_args()
@@ -80,7 +84,8 @@ def main() -> None:
                 for kind, factors in STRETCHES.items():
                     if kind == "right" or cell == BASE:
                         clips_seen[kind] += 1
-                        named = is_named(stretch(clip, factors), dictionary)
+                        stretched = stretch(clip, factors)
+                        named = is_stretch_reported(stretched, dictionary)
                         clips_named[kind] += named
         print(body, flush=True)
     for kind, count in clips_seen.items():

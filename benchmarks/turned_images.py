@@ -27,8 +27,8 @@ FAR = 0.1
 """Sizes of the shape by which few shapes change."""
 
 
-def turn(images: Landmarks, degrees: float) -> Landmarks:
-    """Return images rotated about the origin of their plane."""
+def rotate_images(images: Landmarks, degrees: float) -> Landmarks:
+    """Return images rotated in their plane about its origin, by degrees."""
     angle = np.radians(degrees)
     c, s = np.cos(angle), np.sin(angle)
     rotation = np.array([[c, -s], [s, c]])
@@ -36,15 +36,18 @@ def turn(images: Landmarks, degrees: float) -> Landmarks:
 
 
 def measure_change(images: Landmarks, dictionary: str, method: Method) -> Floats:
-    """Return how far shapes (n,) of turned images are from those of the images."""
+    """Return the similarity error (n,) between the shapes of images and those of the
+    images rotated by DEGREES, as a share of the size of the shape.
+    """
     upright = shapefit.fit(images, dictionary, method=method).as_columns()
-    turned = shapefit.fit(turn(images, DEGREES), dictionary, method=method).as_columns()
+    rotated = rotate_images(images, DEGREES)
+    turned = shapefit.fit(rotated, dictionary, method=method).as_columns()
     change: Floats = similarity_error(upright, turned) / std(turned)
     return change
 
 
 def main() -> None:
-    """Print a row for each method."""
+    """Print a table of how far shapes change, a row for each method."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, default=Path("results/mocap"))
     folder = parser.parse_args().folder

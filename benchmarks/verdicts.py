@@ -103,7 +103,9 @@ def judge(
     truth: Shapes,
     dictionary: shapefit.Dictionary,
 ) -> Judged:
-    """Lift images of a body and compare them with the truth."""
+    """Lift images of a body in a cell by a method; return how many are fine and far by
+    the truth, and how many of each are trusted.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fit = shapefit.fit(
@@ -142,7 +144,7 @@ def judge(
 
 
 def learn_without(body: str, data: Path) -> shapefit.Dictionary:
-    """Return a quick dictionary of all bodies but one, learned once."""
+    """Return a dictionary of all bodies but one, learned once, in one iteration."""
     path = FOLDER / f"without-{body}.h5"
     if not path.exists():
         bodies = read_bodies(data, ("subject86", "other_subjects"))
@@ -166,8 +168,10 @@ def learn_without(body: str, data: Path) -> shapefit.Dictionary:
     return shapefit.read_dictionary(path)
 
 
-def add_up(rows: Iterable[Judged]) -> list[str]:
-    """Return the cells of a line of the table: means and shares over some rows."""
+def summary_cells(rows: Iterable[Judged]) -> list[str]:
+    """Return a line of the table without its first two cells: how many images there
+    are, and means and shares over some rows.
+    """
     total = {
         field.name: sum(getattr(row, field.name) for row in rows)
         for field in fields(Judged)
@@ -205,16 +209,18 @@ HEADER = (
 
 
 def table(rows: list[Judged]) -> str:
-    """Return the table of all methods and cells, and of each method over all cells."""
+    """Return a table in Markdown: a line for each method and cell, and for each method
+    over all cells.
+    """
     lines = []
     for method in PRIORS:
         of_method = [row for row in rows if row.method == method]
         for cell in CELLS:
             of_cell = [row for row in of_method if row.cell == cell.name]
             if of_cell:
-                lines.append([method, cell.name, *add_up(of_cell)])
+                lines.append([method, cell.name, *summary_cells(of_cell)])
         if of_method:
-            lines.append([method, "all", *add_up(of_method)])
+            lines.append([method, "all", *summary_cells(of_method)])
     return markdown_table(HEADER, lines)
 
 
@@ -228,7 +234,9 @@ def write(rows: list[Judged]) -> None:
 
 
 def main() -> None:
-    """Film, lift and judge all bodies in all cells, and write the table."""
+    """Simulate detections of all bodies in all cells, lift and judge them, and write
+    the table.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     parser.add_argument("--bodies", nargs="*", default=CHOSEN_ON)

@@ -22,7 +22,9 @@ TOLERANCE = 1e-4
 
 
 def main() -> None:
-    """Answer until standard input ends."""
+    """Solve the program of the file given once for each line of standard input, and
+    print what that took as JSON.
+    """
     data = np.load(sys.argv[1])
     problem = build_problem(data["landmarks"], data["atoms"], float(data["lam"]))
     solve_newton(problem, tolerance=TOLERANCE, threads=1)

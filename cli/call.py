@@ -48,8 +48,8 @@ class Call:
         if self.quiet and self.verbose:
             raise click.UsageError("-q and -v exclude each other; give one of them")
 
-    def check_given(self, keys: Mapping[str, object]) -> None:
-        """Raise click's error, with an example, where a needed parameter is missing.
+    def check_needed_parameters(self, keys: Mapping[str, object]) -> None:
+        """Raise click.MissingParameter, with an example, where a needed one is absent.
 
         A config file, and --set, may have it.
         """
@@ -64,7 +64,7 @@ class Call:
                 raise click.MissingParameter(example, context, parameters[name])
 
     def read_config(self, schema: type[Config], keys: Mapping[str, object]) -> Config:
-        """Return the config: its file, --set, and these keys (a__b is the key a.b).
+        """Load the config from its file, --set and the options `keys` (a__b is a.b).
 
         With --print-config it is printed, and the command ends. Raises InputError with
         all that is wrong with it.
@@ -90,18 +90,18 @@ class Call:
             )
         return config
 
-    def say(self, text: str) -> str:
-        """Return a message in the words of the command line.
+    def reword(self, text: str) -> str:
+        """Return a message that names options of the command instead of config keys.
 
-        Where a config file was given, only the place of a problem is in these.
+        Where a config file was given, only a key at its beginning is replaced.
         """
-        from .wording import in_options, options_of_keys, place_in_options
+        from .wording import name_options, options_of_keys, place_in_options
 
         options = options_of_keys(click.get_current_context().command)
         if self.config is not None or "`" not in text:
             return place_in_options(text, options)
         keys = [".".join(path) for path in keys_of(self.command)]
-        return in_options(text, options, keys)
+        return name_options(text, options, keys)
 
     def follow(
         self,
@@ -109,7 +109,7 @@ class Call:
         unit: str,
         *,
         read: str = "",
-        following: str = "",
+        next_command: str = "",
         to_stdout: bool = False,
         max_untrusted: float | None = None,
         show: bool = False,
@@ -130,8 +130,8 @@ class Call:
             as_json=self.as_json,
             max_untrusted=max_untrusted,
             read=read,
-            following=following,
-            say=self.say,
+            next_command=next_command,
+            reword=self.reword,
         )
         code = report.follow(results)
         for path in report.written if show else ():

@@ -87,7 +87,7 @@ def learn_dict(call: Call, **keys: object) -> int:
         learn_dictionary(config),
         "round",
         read=name_inputs(config, "shapes"),
-        following=following(config.output, "LANDMARKS -d {} -o result.h5"),
+        next_command=fit_command(config.output, "LANDMARKS -d {} -o result.h5"),
     )
 
 
@@ -123,7 +123,7 @@ def project(call: Call, **keys: object) -> int:
         project_shapes(config),
         "image",
         read=name_inputs(config, "shapes"),
-        following=following(config.output, "{} -d DICT.h5 -o result.h5"),
+        next_command=fit_command(config.output, "{} -d DICT.h5 -o result.h5"),
     )
 
 
@@ -271,7 +271,7 @@ def fit(
 
 
 def with_parts(config: FitConfig, **options: object) -> FitConfig:
-    """Return the config with options of a folder of results, where any is given.
+    """Return the config with these options, such as `workers`, of its output folder.
 
     Raises click.UsageError where the output is no folder, and for ways that exclude
     each other.
@@ -454,8 +454,8 @@ def name_inputs(config: CommandConfig, key: str) -> str:
     return f"{names} and {others} more" if others > 0 else names
 
 
-def following(output: Path, arguments: str) -> str:
-    """Return the fit that goes on with an output, {} in its arguments; "" for `-`."""
+def fit_command(output: Path, arguments: str) -> str:
+    """Return the line `shapefit fit ARGUMENTS`, `output` for {}; "" for output `-`."""
     if output == Path("-"):
         return ""
     return f"shapefit fit {arguments.format(as_typed(output))}"
@@ -495,12 +495,14 @@ def config(command: str, section: str, as_json: bool) -> int:
         keys = [row._asdict() for row in table]
         click.echo(json.dumps({"command": "config", "keys": keys}, ensure_ascii=False))
         return 0
-    click.echo(keys_text(table, min(100, shutil.get_terminal_size().columns)), nl=False)
+    click.echo(
+        format_keys(table, min(100, shutil.get_terminal_size().columns)), nl=False
+    )
     return 0
 
 
-def keys_text(table: Sequence[KeyInWords], width: int) -> str:
-    """Return a table of keys for a terminal."""
+def format_keys(table: Sequence[KeyInWords], width: int) -> str:
+    """Return config keys with their meanings as lines of text of at most `width`."""
     lines = []
     for row in table:
         default = row.default if row.default == "required" else f"default {row.default}"

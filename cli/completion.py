@@ -43,18 +43,18 @@ class Bash(BashComplete):
     """
 
     def get_completion_args(self) -> tuple[list[str], str]:
-        """Return the words before the one that is completed, and the start of that."""
+        """Return the complete words, and the beginning of the word to complete."""
         args, incomplete = super().get_completion_args()
-        *args, joined = join_at_signs([*args, incomplete])
+        *args, joined = join_at_equals([*args, incomplete])
         self.before = joined.removesuffix("" if incomplete == "=" else incomplete)
         return args, joined
 
     def format_completion(self, item: CompletionItem) -> str:
-        """Return a completion as the script reads it: its kind, and its last part."""
+        """Return a completion as `kind,text` for the script in bash."""
         return f"{item.type},{item.value.removeprefix(self.before)}"
 
 
-def join_at_signs(words: Sequence[str]) -> list[str]:
+def join_at_equals(words: Sequence[str]) -> list[str]:
     """Return words, at least one, as they were before bash divided them at `=`.
 
     `--method = con` are an option and its value, `k = 1` is one word.

@@ -46,7 +46,7 @@ def demo(call: Call, folder: str, show: bool) -> int:
     """
     target = Path(folder).absolute()
     samples = find_samples()
-    check_own(target, samples)
+    check_has_only_demo_files(target, samples)
     code = call.follow(lift_samples(call, samples, target), "image")
     if show:
         open_in_browser(target / PAGE)
@@ -67,7 +67,7 @@ def find_samples() -> Path:
     return samples
 
 
-def check_own(folder: Path, samples: Path) -> None:
+def check_has_only_demo_files(folder: Path, samples: Path) -> None:
     """Raise InputError where a folder has files that no demo wrote; change nothing."""
     from shapefit.io.atomic import check_folder
 
@@ -87,13 +87,13 @@ def check_own(folder: Path, samples: Path) -> None:
 
 
 def is_changed(path: Path, samples: Path) -> bool:
-    """Whether a file is a detection that is not as it is in the samples."""
+    """Whether a file differs from the sample of the same name, if there is one."""
     sample = samples / path.name
     return sample.is_file() and path.read_bytes() != sample.read_bytes()
 
 
 def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
-    """Copy the samples into a folder and run the commands there, which are shown.
+    """Copy the samples into a folder, and show and run `fit` and `view` on them.
 
     Yields what their pipelines yield; frames of the page do not count as images.
     """
@@ -110,20 +110,22 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
     result = as_typed(folder / RESULT)
     line = FIT.format(openpose=as_typed(folder / SAMPLES), result=result)
     yield Result(line=f"$ {line}")
-    yield from fit_images(read_line(call, fit, FitConfig, line))
+    yield from fit_images(read_command_line(call, fit, FitConfig, line))
     page = as_typed(folder / PAGE)
     line = VIEW.format(result=result, page=page)
     yield Result(line=f"$ {line}")
-    for event in write_page(read_line(call, view, ViewConfig, line)):
+    for event in write_page(read_command_line(call, view, ViewConfig, line)):
         yield event._replace(done=0, note="")
-    following = (
+    next_command = (
         f"open {page} in a browser, then lift your own files: shapefit fit FILES"
     )
-    yield Result(rows=(("Next", following),))
+    yield Result(rows=(("Next", next_command),))
 
 
-def read_line(call: Call, of: click.Command, schema: type[Config], line: str) -> Config:
-    """Return the config of a command line, as the command itself would read it."""
+def read_command_line(
+    call: Call, of: click.Command, schema: type[Config], line: str
+) -> Config:
+    """Return the config that a command reads from a line typed in a shell."""
     from shlex import split
 
     _, name, *words = split(line)

@@ -69,17 +69,17 @@ for command in (*COMMANDS, demo):
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run the command line `arguments`; return the exit code."""
+    """Run the command line `arguments`; return the exit code, whatever is raised."""
     try:
         code = _run(arguments)
         if sys.stdout is not None:
             sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        return _stopped(get_signal() or signal.SIGINT)
+        return _report_signal(get_signal() or signal.SIGINT)
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
-            return _internal_error(error)
+            return _report_internal_error(error)
         # What the stream still holds would be written once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno == errno.EPIPE:
@@ -87,11 +87,11 @@ def run(arguments: Sequence[str]) -> int:
         tell("Error: standard output: cannot be written: no space is left; free some")
         return INPUT_ERROR
     except Exception as error:
-        return _internal_error(error)
+        return _report_internal_error(error)
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run the command line; what a user can cause becomes an exit code."""
+    """Run the command line; return the exit code, also for errors that users cause."""
     instruction = os.environ.get(COMPLETION_VARIABLE)
     if instruction:
         from click.shell_completion import shell_complete
@@ -122,7 +122,7 @@ def _run(arguments: Sequence[str]) -> int:
     return INPUT_ERROR
 
 
-def _internal_error(error: Exception) -> int:
+def _report_internal_error(error: Exception) -> int:
     """Report an error as a bug of shapefit; return the exit code."""
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback
@@ -136,7 +136,7 @@ def _internal_error(error: Exception) -> int:
     return INTERNAL_ERROR
 
 
-def _stopped(number: int) -> int:
+def _report_signal(number: int) -> int:
     """Say that a signal ended the run; return the exit code."""
     end_reminders()
     word = f"Ended by {signal.Signals(number).name}"
@@ -147,7 +147,7 @@ def _stopped(number: int) -> int:
 
 
 def main() -> NoReturn:
-    """Run the command line of this process; signals unwind it without half files."""
+    """Run the command line of this process, and exit with its exit code."""
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a
     # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -160,5 +160,5 @@ def main() -> NoReturn:
     try:
         code = run(sys.argv[1:])
     except Stopped:  # after the command
-        code = _stopped(get_signal() or signal.SIGINT)
+        code = _report_signal(get_signal() or signal.SIGINT)
     sys.exit(code)

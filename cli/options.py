@@ -19,8 +19,8 @@ Callback = Callable[..., int]
 Decorator = Callable[[Callback], Callback]
 
 
-def together(*options: Decorator) -> Decorator:
-    """Return one decorator for several, which the help lists in this order."""
+def combine_options(*options: Decorator) -> Decorator:
+    """Return one decorator that adds these options, in the order of the help."""
 
     def decorate(function: Callback) -> Callback:
         for option in reversed(options):
@@ -51,7 +51,7 @@ keypoints = click.option(
     help="Skeleton of files without names: body_25 ...",
 )
 
-reading = together(
+reading = combine_options(
     keypoints,
     click.option(
         "--individual", type=TEXT, metavar="NAME", help="Read only this individual."
@@ -71,7 +71,7 @@ frame_rate = click.option(
     help="Frames per second, if the files do not state it.",
 )
 
-metres = together(
+metres = combine_options(
     frame_rate,
     click.option(
         "--image-size",
@@ -93,7 +93,7 @@ metres = together(
     ),
 )
 
-truth = together(
+truth = combine_options(
     click.option(
         "--truth",
         type=FILE,
@@ -109,7 +109,7 @@ truth = together(
     ),
 )
 
-of_config = together(
+of_config = combine_options(
     click.option(
         "-c",
         "--config",
@@ -134,13 +134,13 @@ of_config = together(
 
 
 def json_option(text: str) -> Decorator:
-    """Return the option --json."""
+    """Return the decorator of the option --json; `text` is its help."""
     return click.option("--json", "as_json", is_flag=True, help=text)
 
 
 as_json = json_option("Print one JSON object to stdout.")
 
-of_report = together(
+of_report = combine_options(
     json_option("Print one JSON object to stdout at the end."),
     click.option(
         "-q", "--quiet", is_flag=True, help="Print only errors and failed items."
@@ -180,11 +180,11 @@ def command(
             # problems are told in words of the command line
             common = {each: given.pop(each) for each in COMMON if each in given}
             call = Call(command=name, example=examples[0], needs=needs, **common)  # type: ignore[arg-type]
-            call.check_given(given)
+            call.check_needed_parameters(given)
             try:
                 return function(call, **given)
             except InputError as error:
-                raise InputError([*map(call.say, error.problems)]) from error
+                raise InputError([*map(call.reword, error.problems)]) from error
 
         summary = " ".join(str(function.__doc__).partition("\n\n")[0].split())
         epilog = end_of_help(examples)

@@ -44,12 +44,12 @@ IMAGES = "image"
 
 
 def tell(text: str) -> None:
-    """Write a line for people to standard error, what is not printable as escapes."""
+    """Write a message to standard error; unprintable characters become escapes."""
     click.echo(printable(text), err=True)
 
 
 def printable_json(values: object) -> str:
-    """Return values as JSON on one line, what is not printable as escapes of JSON."""
+    """Return values as one line of JSON; unprintable characters become escapes."""
     import json
 
     text = json.dumps(values, ensure_ascii=False, default=str)
@@ -77,11 +77,11 @@ def has_columns() -> bool:
 class Report:
     """The sum of a pipeline's results; memory does not grow with the number of items.
 
-    `read` names the inputs, and `following` the next command, where the pipeline does
-    not. With `to_stdout` the last note is the result of the command, for standard
-    output; with `as_json` everything goes there as one object. `say` puts messages into
-    the words of the command line. With more than the share `max_untrusted` of items
-    that are not trusted the exit code is 1.
+    `read` names the inputs, and `next_command` is the line to go on with, where the
+    pipeline has none. With `to_stdout` the last note is the result of the command, for
+    standard output; with `as_json` everything goes there as one object. `reword` puts
+    messages into the words of the command line. With more than the share
+    `max_untrusted` of items that are not trusted the exit code is 1.
     """
 
     command: str
@@ -92,8 +92,8 @@ class Report:
     as_json: bool = False
     max_untrusted: float | None = None
     read: str = ""
-    following: str = ""
-    say: Callable[[str], str] = str
+    next_command: str = ""
+    reword: Callable[[str], str] = str
     done: int = 0
     failed: int = 0
     total: int | None = None
@@ -109,7 +109,7 @@ class Report:
     _started: float = field(default_factory=time.monotonic)
 
     def follow(self, results: Iterator[Result]) -> int:
-        """Run a pipeline, show its progress and its sum; return the exit code."""
+        """Run a pipeline, show its progress and the report; return the exit code."""
         with ExitStack() as stack:
             stack.enter_context(closing(results))  # type: ignore[type-var]
             bar: tqdm | None = None
@@ -122,9 +122,9 @@ class Report:
             for result in results:
                 self.add(result)
                 if bar is not None:
-                    self._move(bar, result)
+                    self._advance(bar, result)
                 if result.line and not self.quiet:
-                    tell(self.say(result.line))
+                    tell(self.reword(result.line))
                 elif is_silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
                     tell(self._progress())
@@ -134,11 +134,11 @@ class Report:
         if self.to_stdout:
             click.echo("\n".join(map(printable, self.note.split("\n"))))
         for line in self.lines():
-            tell(self.say(line))
+            tell(self.reword(line))
         return self.exit_code
 
-    def _move(self, bar: tqdm, result: Result) -> None:
-        """Move the progress bar; it makes room for a line that is shown."""
+    def _advance(self, bar: tqdm, result: Result) -> None:
+        """Advance the progress bar by a result; clear it for the line of the result."""
         bar.total = self.total
         bar.unit = f" {self.unit}"
         note = "" if self.to_stdout else printable(result.note)
@@ -156,7 +156,7 @@ class Report:
         return f"{self.command}: {done} {self.unit}s, {note}{self._seconds:.0f} s"
 
     def add(self, result: Result) -> None:
-        """Add what became of one more part of the work."""
+        """Add the result of one more part of the work to the report."""
         from shapefit.pipelines.result import merge_warnings
 
         most = sys.maxsize if self.verbose else MAX_LISTED
@@ -184,11 +184,11 @@ class Report:
     @property
     def exit_code(self) -> int:
         """Return 0 if there are items, none failed and enough are trusted, else 1."""
-        return 1 if self.failed or self.total == 0 or self._too_few_trusted else 0
+        return 1 if self.failed or self.total == 0 or self._has_too_few_trusted else 0
 
     @property
-    def _too_few_trusted(self) -> bool:
-        """Whether a share of the items above `max_untrusted` is not trusted."""
+    def _has_too_few_trusted(self) -> bool:
+        """Whether more than the share `max_untrusted` of the items is not trusted."""
         share = self.max_untrusted
         return share is not None and self.untrusted > share * self.done
 
@@ -248,7 +248,7 @@ class Report:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
-        if self._too_few_trusted:
+        if self._has_too_few_trusted:
             share = self.untrusted / self.done
             yield (
                 f"Failed: {share:.0%} are not trusted, more than --fail-untrusted"
@@ -258,24 +258,28 @@ class Report:
             yield from self._summary()
 
     def _rows(self) -> dict[str, str]:
-        """Return the rows of the pipeline, else what was read and done."""
+        """Return label -> text of the summary: Read, Result, Next and others."""
         note = f", {self.note}" if self.note else ""
         result = _counted(self.done, self.unit) + note
         if self.to_stdout:
             result = "" if self.data else self.note
-        return {"Read": self.read, "Result": result, "Next": self.following} | self.rows
+        return {
+            "Read": self.read,
+            "Result": result,
+            "Next": self.next_command,
+        } | self.rows
 
     def _summary(self) -> Iterator[str]:
-        """Yield the rows of the summary, aligned; what matters last comes last."""
+        """Yield the lines of the summary, each text after its label."""
         rows = self._rows()
-        following = rows.pop("Next")
+        next_command = rows.pop("Next")
         failed = f", {self.failed} failed" if self.failed else ""
         rows["Result"] = f"{rows.pop('Result')}{failed}, {self._seconds:.1f} s"
         if self.to_stdout:
             rows = {}
-        rows["Wrote"] = self._files()
+        rows["Wrote"] = self._written_files()
         rows["Details"] = self.note if self.verbose and "Result" in self.rows else ""
-        rows["Next"] = "" if self.to_stdout else following
+        rows["Next"] = "" if self.to_stdout else next_command
         for label, text in rows.items():
             lines = wrap(
                 text,
@@ -288,18 +292,18 @@ class Report:
             for number, line in enumerate(lines):
                 yield f"{'' if number else label:{LABEL_LETTERS}}{line}"
 
-    def _files(self) -> str:
-        """Return the names of the files written; many in one folder are counted."""
+    def _written_files(self) -> str:
+        """Return the names of the written files, or the number of many in a folder."""
         folders = {path.parent for path in self.written}
         if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
-            folder = _shown(folders.pop())
+            folder = _typed_path(folders.pop())
             if len(self.written) > MAX_FILES and not self.verbose:
-                return self._few_files(folder)
+                return self._name_page(folder)
             return f"{folder}/: {', '.join(path.name for path in self.written)}"
-        return ", ".join(map(_shown, self.written))
+        return ", ".join(map(_typed_path, self.written))
 
-    def _few_files(self, folder: str) -> str:
-        """Return the page among the files of a folder by name, the others counted."""
+    def _name_page(self, folder: str) -> str:
+        """Return the HTML page's name, and the number of the other files written."""
         pages = [path.name for path in self.written if path.suffix == PAGE_SUFFIX]
         if len(pages) != 1:
             return f"{len(self.written)} files in {folder}/"
@@ -312,11 +316,11 @@ class Report:
 
 
 def _counted(number: int, noun: str) -> str:
-    """Return `1 image`, `2,000 images`."""
+    """Return a number with its noun, such as `1 image` or `2,000 images`."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def _shown(path: Path) -> str:
+def _typed_path(path: Path) -> str:
     """Return the path as a user would type it: relative if in the working directory."""
     if path == Path("-"):
         return "standard output"

@@ -38,7 +38,7 @@ def get_signal() -> int | None:
 
 
 def catch_signals() -> None:
-    """Let the signals in ENDING raise Stopped, unless one is ignored, as by nohup.
+    """Let the signals in ENDING raise Stopped, but those ignored already, as by nohup.
 
     Within a callback of a weak reference, or in a library that takes it for a fault of
     its own, the exception would be lost: it is raised again where nothing unwinds.
@@ -50,10 +50,10 @@ def catch_signals() -> None:
 
 @contextmanager
 def keep_signals() -> Iterator[None]:
-    """Raise Stopped at the end of the block where a signal has come, however it ends.
+    """Raise Stopped at the end of a `with` block during which a signal came.
 
-    Another exception may have been made from it, and what the block has done without it
-    is not all.
+    It does so however the block ends: another exception may have been made from the
+    signal's, and what the block has done without it is not all.
     """
     try:
         yield

@@ -31,7 +31,7 @@ class Value(click.ParamType):  # type: ignore[type-arg]  # click 8.1 has no argu
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Return the words that begin so; one item stands for all files."""
+        """Return the words that begin with `incomplete`, and one item for all files."""
         from click.shell_completion import CompletionItem
 
         words = self.words(ctx, param) if self.words else ()
@@ -47,9 +47,9 @@ class Setting(Value):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Return the keys that begin so, else the words of the key that is named."""
+        """Return the keys that begin with `incomplete`; after `KEY=`, values of KEY."""
         key, equals, _ = incomplete.partition("=")
-        words = words_of_setting if equals else keys
+        words = complete_setting if equals else complete_keys
         return Value(lambda *_: words(ctx, key)).shell_complete(ctx, param, incomplete)
 
 
@@ -62,7 +62,7 @@ class NumberOrWord(Value):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> object:
-        """Return the number that the text is, else the text."""
+        """Return a text as a number where it is one, else unchanged."""
         try:
             return float(str(value))
         except ValueError:
@@ -80,7 +80,7 @@ class Size(click.ParamType):  # type: ignore[type-arg]
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> list[float]:
-        """Return the two numbers."""
+        """Return [width, height] of a text such as 1920x1080."""
         try:
             width, height = map(float, str(value).lower().split("x"))
         except ValueError:
@@ -90,10 +90,7 @@ class Size(click.ParamType):  # type: ignore[type-arg]
 
 
 def words_of_key(ctx: click.Context, param: click.Parameter) -> Iterable[str]:
-    """Return the values that the schema allows for the key of an option, to complete.
-
-    () for a key whose values are no words.
-    """
+    """Return the words that an option may have as value; () for numbers and names."""
     from shapefit.config.reference import words_of
 
     return words_of(keys_of(str(ctx.info_name))[key_path(str(param.name))])
@@ -112,16 +109,16 @@ def key_path(parameter: str) -> tuple[str, ...]:
     return tuple(parameter.split("__"))
 
 
-def keys(ctx: click.Context, _key: str) -> Iterable[str]:
-    """Return what completes the option --set: `key=` for each key of the command."""
+def complete_keys(ctx: click.Context, _key: str) -> Iterable[str]:
+    """Return `key=` for each config key of the command, as completions of --set."""
     from shapefit.config import CONFIGS
     from shapefit.config.reference import describe_keys
 
     return [f"{row.name}=" for row in describe_keys(CONFIGS[str(ctx.info_name)])]
 
 
-def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:
-    """Return what completes `key=` of the option --set: `key=word` for each word."""
+def complete_setting(ctx: click.Context, key: str) -> Iterable[str]:
+    """Return `key=word` for each word that a config key may have as value."""
     from shapefit.config.reference import words_of
 
     found = keys_of(str(ctx.info_name)).get(tuple(key.split(".")))
@@ -129,7 +126,7 @@ def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:
 
 
 def sections(ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
-    """Return the keys and sections, a.b, of the command given to `shapefit config`."""
+    """Return the dotted names of keys and sections of the command to be described."""
     return [".".join(path) for path in keys_of(str(ctx.params.get("command")))]
 
 
@@ -148,7 +145,7 @@ def presets(ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
 
 
 def skeletons(_ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
-    """Return the names of the known skeletons."""
+    """Return the names of the skeletons that --keypoints takes."""
     from shapefit.io.skeletons import installed_skeletons
 
     return [*installed_skeletons(), "numbered"]

@@ -23,7 +23,7 @@ KEY_AS_PLACE = re.compile(r"([a-z][a-z_.]*)(?=: )")
 
 
 def options_of_keys(command: click.Command) -> dict[str, str]:
-    """Return the options of a command by the keys that they set.
+    """Return config key -> option of a command, such as camera.focal -> --focal.
 
     A key of a section is there without its section, too, as messages about a section
     name it. Flags, which have no value, are left out.
@@ -36,11 +36,11 @@ def options_of_keys(command: click.Command) -> dict[str, str]:
     return options
 
 
-def in_options(text: str, options: Mapping[str, str], keys: Collection[str]) -> str:
-    """Return a message with options in the place of keys, else `--set key=value`."""
+def name_options(text: str, options: Mapping[str, str], keys: Collection[str]) -> str:
+    """Return a message with options, or `--set key=value`, in place of config keys."""
 
     def name_option(found: re.Match[str]) -> str:
-        """Return the option for a key, with its value if the text has one."""
+        """Return the option for a matched key, with its value if the text has one."""
         key, value = found.groups()
         if key in options:
             typed = PAIR.sub(r"\1x\2", value or "")
@@ -55,7 +55,7 @@ def in_options(text: str, options: Mapping[str, str], keys: Collection[str]) -> 
 
 
 def place_in_options(text: str, options: Mapping[str, str]) -> str:
-    """Return a problem that begins with the option that is wrong, not with its key."""
+    """Return a message with the config key at its beginning replaced by its option."""
     place = KEY_AS_PLACE.match(text)
     if place is None:
         return text

@@ -28,8 +28,8 @@ def write_recovery(
     active: Iterable[int] = recovery.ACTIVE,
     trials: int = recovery.TRIALS,
 ) -> str:
-    """Write recovery.csv (p,z,trials,success), recovery.md and recovery.png; return the
-    page.
+    """Measure exact recovery and write recovery.csv (p,z,trials,success), recovery.md
+    and recovery.png into the folder; return the page.
     """
     from experiments.figures import draw_shares
 
@@ -52,7 +52,9 @@ def write_recovery(
 
 
 def write_points(folder: Path, points: Sequence[Point]) -> None:
-    """Write sweep.csv, sweep.md and sweep.png into the folder."""
+    """Write the points of an experiment as sweep.csv, sweep.md and sweep.png into the
+    folder.
+    """
     from experiments.figures import draw_points
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -77,8 +79,8 @@ def write_points(folder: Path, points: Sequence[Point]) -> None:
 def write_experiments(
     folder: Path, experiments: Iterable[Experiment], only: list[str]
 ) -> None:
-    """Run experiments, those whose names hold one of `only`; write and print their
-    tables.
+    """Run the experiments whose names hold one of `only`, all if it is empty; write and
+    print their tables.
     """
     for experiment in experiments:
         if not only or any(part in experiment.name for part in only):
@@ -90,7 +92,7 @@ def write_experiments(
 
 
 def main() -> None:
-    """Run the experiment of the command line."""
+    """Run the experiment that the command line names."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

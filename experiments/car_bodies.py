@@ -58,7 +58,8 @@ SHOWN_VIEW = 3
 
 
 class Case(NamedTuple):
-    """A body, its true shape (p, 3), landmarks (p, 2), and what each method made of it.
+    """A car of the figure: its class of body, true shape (p, 3) and landmarks (p, 2),
+    and the fit of each method.
 
     fitted and shapes map a method to its landmarks (p, 2) and its shape (p, 3), moved
     onto the true one.
@@ -72,7 +73,7 @@ class Case(NamedTuple):
 
 
 def look_at(shapes: shapefit.Shapes, seed: int = 0) -> shapefit.Landmarks:
-    """Return images (15 VIEWS) of the shapes through a perspective camera, in pixels.
+    """Return VIEWS images of each shape, through a perspective camera, in pixels.
 
     The camera goes around each car. It sees VISIBLE landmarks, drawn from those whose
     direction from the middle of the car faces it.
@@ -125,9 +126,10 @@ def camera_rotation(heading: float, elevation: float) -> Floats:
 def measure_bodies(
     shapes: shapefit.Shapes, bodies: Bodies
 ) -> tuple[str, tuple[Case, ...]]:
-    """Lift images of the shapes by each method, each car without its own shape.
+    """Lift images of the shapes by each method, each car without its own shape; return
+    the table of errors by class of body, in Markdown, and the cars of the figure.
 
-    Returns the table of errors by class of body, and the cars of the figure.
+    bodies: class of body -> names of its cars.
     """
     dictionary = shapefit.learn(shapes, method="exemplars", align="none")
     images = look_at(shapes)
@@ -153,7 +155,7 @@ def measure_bodies(
 def fit_with(
     config: str, images: shapefit.Landmarks, dictionary: shapefit.Dictionary
 ) -> shapefit.Fit:
-    """Lift images as a config of configs/cars/methods says."""
+    """Lift images with the config of this name in configs/cars/methods."""
     path = CONFIGS / "cars/methods" / f"{config}.yaml"
     of_data: dict[str, Any] = dict(OF_THE_CARS)
     if "camera:" not in path.read_text(encoding="utf-8"):
@@ -166,7 +168,8 @@ def rows_of_bodies(
     models: Any,
     bodies: Bodies,
 ) -> tuple[list[str], list[list[str]]]:
-    """Return a header of classes of body, and rows of methods: means of their images.
+    """Return the header and rows of a table: mean errors of each method, a row, over
+    the images of each class of body, a column.
 
     errors maps a method to its errors (n,) in each metric and unit; models (n,) are
     those that the images show. Classes without an image are left out.
@@ -193,7 +196,9 @@ def case_of(
     shapes: shapefit.Shapes,
     fits: Mapping[str, shapefit.Fit],
 ) -> Case:
-    """Return what the figure shows of an image, which an item names."""
+    """Return the case of the figure for one image: its item, and the class of its
+    body.
+    """
     row = (images.items or ()).index(item)
     model = str(images.extras["true_model"][row])
     truth = shapes.shapes[(shapes.items or ()).index(model)]
@@ -210,9 +215,11 @@ def case_of(
 
 
 def write_bodies(folder: Path, path: Path, bodies: Bodies) -> str:
-    """Write bodies.md and bodies.png into the folder, and return the page.
+    """Measure the cars by class of body, write bodies.md and bodies.png into the
+    folder, and return the page.
 
-    path is the file of shapes; without it nothing is written, and the page says so.
+    path is the file of shapes; where it is missing nothing is written, and the page
+    says so. bodies: class of body -> names of its cars.
     """
     from experiments.figures import draw_cars
 

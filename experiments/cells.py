@@ -54,7 +54,9 @@ LEVELS = (1, 1.1, 1.3, 1.6, 2, 3, 4, 6, 8, 12)
 
 
 def draw_cells() -> Figure:
-    """Draw the objective and the cells side by side."""
+    """Draw two maps of rotations about the optimum: the objective, and the cells of the
+    proof.
+    """
     from matplotlib.figure import Figure
 
     problem = _made_problem()
@@ -90,7 +92,9 @@ def draw_cells() -> Figure:
 
 
 def _rotations_about(optimum: Floats, steps: int) -> tuple[Floats, Floats, Rotation]:
-    """Return a grid of turns x, y (steps, steps) in degrees, and its rotations."""
+    """Return a grid of turns x, y (steps, steps) in degrees, and the optimum turned by
+    each of them.
+    """
     turns = np.linspace(-REACH, REACH, steps)
     x, y = np.meshgrid(turns, turns)
     vectors = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
@@ -99,7 +103,9 @@ def _rotations_about(optimum: Floats, steps: int) -> tuple[Floats, Floats, Rotat
 
 
 def _made_problem() -> Problem:
-    """Return one view of the sample data, with some training shapes as atoms."""
+    """Return the problem of one view of the sample data, with training shapes as
+    atoms.
+    """
     train = read_shapes([PROJECT / "sample_data/people_train.h5"]).as_columns()
     test = read_shapes([PROJECT / "sample_data/people_test.h5"]).as_columns()
     view = rotation_about(np.array([0.3, 1.0, 0.0]), np.array([0.7]))
@@ -108,7 +114,9 @@ def _made_problem() -> Problem:
 
 
 def _find_cells(quaternions: Floats, corners: Floats) -> Indices:
-    """Return the cell (m,) of cells (l, 4, 4) that holds each quaternion (m, 4)."""
+    """Return the indices (m,) of the cells that hold the quaternions (m, 4), by the
+    corners of the cells (l, 4, 4).
+    """
     inverse = np.linalg.inv(corners.swapaxes(1, 2)).reshape(-1, 4).T
     found = np.zeros(len(quaternions), np.intp)
     for start in range(0, len(quaternions), ROTATIONS_AT_ONCE):
@@ -148,7 +156,9 @@ def _objectives(problem: Problem, rotations: Floats) -> Floats:
 
 
 def _diameters(corners: Floats) -> Floats:
-    """Return the longest edges (l,) of cells (l, 4, 4), in radians of rotation."""
+    """Return the length (l,) of the longest edge of each cell, by its corners (l, 4,
+    4), in radians of rotation.
+    """
     inner = np.einsum("lae,lbe->lab", corners, corners)
     longest: Floats = 2 * np.arccos(np.clip(inner.min(axis=(1, 2)), -1, 1))
     return longest

@@ -26,8 +26,8 @@ LOGARITHMIC = 10
 
 
 def draw_shares(panels: Mapping[str, Shares]) -> Figure:
-    """Draw title -> shares (p, z), white 1 and black 0, side by side with the same
-    rows.
+    """Draw a heat map for each title: shares of exact recoveries over landmarks p and
+    active atoms z, white for 1 and black for 0.
     """
     from matplotlib.figure import Figure
 
@@ -60,7 +60,8 @@ def draw_shares(panels: Mapping[str, Shares]) -> Figure:
 
 
 def draw_cars(cases: Sequence[Case], edges: Integers) -> Figure:
-    """Draw a car a row: its landmarks, by each method the fitted model, and its side.
+    """Draw a row for each car: its landmarks, and for each method the fitted model in
+    the image and the shape from its side.
 
     edges (e, 2) are the lines of the model; the true shape is grey.
     """
@@ -101,7 +102,8 @@ def _draw_lines(axis: Axes, points: Floats, edges: Integers, colour: str) -> Non
 
 
 def draw_points(points: Sequence[Point]) -> Figure:
-    """Draw mean and quartiles of each group against the value, a panel for each metric.
+    """Draw the points of an experiment: mean and quartiles of each group of sequences
+    against the value, a panel for each metric.
 
     Values that are names get a last panel with the time of an image.
     """

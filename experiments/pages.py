@@ -50,12 +50,14 @@ docs/experiments.md.
 
 
 def quoted(name: str) -> Any:
-    """Return a section of published.yaml: what the paper and the data say."""
+    """Return the section of this name in published.yaml: figures and texts of the paper
+    and of the data.
+    """
     return YAML(typ="safe").load(Path(__file__).with_name("published.yaml"))[name]
 
 
 def quoted_shares() -> Shares:
-    """Return the paper's shares of exact recoveries."""
+    """Return (landmarks p, active atoms z) -> the paper's share of exact recoveries."""
     figure = quoted("recovery")
     return {
         (p, z): share
@@ -85,11 +87,12 @@ class Table(NamedTuple):
 
 
 def add_published(name: str, folder: Path) -> str:
-    """Add what was published (mocap), or oracles (cars), to report.html of `eval`.
+    """Add a section to report.html of `eval` in a folder, published figures for the
+    name "mocap" and oracles for "cars"; return it in Markdown.
 
-    Returns the new part in Markdown; done again, it takes the place of the former.
+    Done again, it takes the place of the former section.
     """
-    report = _read(folder / "report.json")
+    report = _read_json(folder / "report.json")
     if name == "mocap":
         tables = [_errors_beside_the_paper(report)]
         sentences = [_objectives_beside_the_paper(report)]
@@ -126,7 +129,9 @@ def add_published(name: str, folder: Path) -> str:
 
 
 def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> Table:
-    """Return the table of errors of the methods by class of body of the cars."""
+    """Return the table of mean errors of the methods by class of body, from report and
+    per_image.csv of the cars.
+    """
     fit = shapefit.read_results(report["methods"][0]["files"][0])
     models = np.asarray(fit.extras["true_model"]).astype(str)
     row_of = {item: row for row, item in enumerate(fit.items or ())}
@@ -154,12 +159,12 @@ def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> Table:
 
 
 def _objectives_beside_the_paper(report: Mapping[str, Any]) -> str:
-    """Return a sentence: mean objectives of alternation by its start, here and in the
-    paper.
+    """Return a sentence with the mean objectives of alternation from several starts,
+    ours and the paper's.
     """
     ours = {method["name"]: method["mean_objective"] for method in report["methods"]}
     paper = quoted("mocap")["mean_objectives"]
-    here = ", ".join(f"{name} {_number(ours.get(name))}" for name in paper)
+    here = ", ".join(f"{name} {_number_as_text(ours.get(name))}" for name in paper)
     there = ", ".join(f"{name} {value:.2f}" for name, value in paper.items())
     return (
         f"Mean objective: {here}. The paper's, of subject 15, which is not in these"
@@ -189,19 +194,21 @@ def _errors_beside_the_paper(report: Mapping[str, Any]) -> Table:
         row = [method]
         for group in groups:
             published = paper.get(method, {}).get(group)
-            row.append(_number(ours.get(method, {}).get(group)))
-            row.append("–" if published is None else f"*{_number(published)}*")
+            row.append(_number_as_text(ours.get(method, {}).get(group)))
+            row.append("–" if published is None else f"*{_number_as_text(published)}*")
         rows.append(row)
     text = "Mean errors up to a similarity of normalised shapes, ours and the paper's:"
     return Table(text, header, rows)
 
 
 def index(folder: Path) -> str:
-    """Return the page on the reports in `folder`."""
-    report = _read(folder / "mocap/report.json")
+    """Return the index page, in Markdown, of the results of `make paper` in a
+    folder.
+    """
+    report = _read_json(folder / "mocap/report.json")
     parts = [
         INTRODUCTION,
-        *_mocap(report),
+        *_mocap_section(report),
         *optimality.sections(folder),
         "## Exact recovery (fig. freqexact)",
         "![Share recovered exactly, ours and published](recovery/recovery.png)",
@@ -210,15 +217,17 @@ def index(folder: Path) -> str:
             " off a figure, within 0.02; the paper says 10 instances per cell):"
             " [recovery/recovery.md](recovery/recovery.md)."
         ),
-        *_timing(
+        *_timing_section(
             [p for name in ("timing", "timing-pmp") for p in read_points(folder / name)]
         ),
-        *_sensitivity({name: read_points(folder / name) for name in SENSITIVITIES}),
+        *_sensitivity_section(
+            {name: read_points(folder / name) for name in SENSITIVITIES}
+        ),
     ]
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
-def _mocap(report: Mapping[str, Any]) -> list[str]:
+def _mocap_section(report: Mapping[str, Any]) -> list[str]:
     medians = ", ".join(
         f"{name} {value:.3f}" for name, value in quoted("mocap")["medians"].items()
     )
@@ -240,7 +249,7 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _timing(points: Sequence[Point]) -> list[str]:
+def _timing_section(points: Sequence[Point]) -> list[str]:
     times = {str(point.value): 1000 * point.seconds_per_image for point in points}
     rows = []
     for method, time in times.items():
@@ -259,7 +268,7 @@ def _timing(points: Sequence[Point]) -> list[str]:
     ]
 
 
-def _sensitivity(experiments: Mapping[str, Sequence[Point]]) -> list[str]:
+def _sensitivity_section(experiments: Mapping[str, Sequence[Point]]) -> list[str]:
     parts = [
         "## Sensitivity of the convex program",
         (
@@ -271,7 +280,7 @@ def _sensitivity(experiments: Mapping[str, Sequence[Point]]) -> list[str]:
         groups = list(dict.fromkeys(point.group for point in points))
         means = {(point.value, point.group): point.mean for point in points}
         rows = [
-            [str(value), *(_number(means[value, group]) for group in groups)]
+            [str(value), *(_number_as_text(means[value, group]) for group in groups)]
             for value in dict.fromkeys(point.value for point in points)
         ]
         title = SENSITIVITIES[name]
@@ -284,9 +293,9 @@ def _sensitivity(experiments: Mapping[str, Sequence[Point]]) -> list[str]:
     return parts
 
 
-def _read(path: Path) -> Any:
+def _read_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _number(value: float | None) -> str:
+def _number_as_text(value: float | None) -> str:
     return "–" if value is None else f"{value:.3f}"

@@ -32,8 +32,8 @@ Shares = Mapping[tuple[int, int], float]
 
 @dataclass(frozen=True)
 class Planted:
-    """W (2, p) = sum_i M_i B_i without noise, atoms B (k, 3, p), M_i = c_i R_i[:2] (k,
-    2, 3).
+    """An instance whose transforms are known: landmarks W (2, p) = sum_i M_i B_i, atoms
+    B (k, 3, p), M_i = c_i R_i[:2].
 
     rotations R (k, 3, 3); coefficients c (k,).
     """
@@ -45,20 +45,21 @@ class Planted:
 
     @property
     def transforms(self) -> Floats:
-        """M (k, 2, 3)."""
+        """Return the transforms M (k, 2, 3)."""
         M: Floats = self.coefficients[:, None, None] * self.rotations[:, :2]
         return M
 
 
 def random_stream(p: int, z: int, trial: int) -> np.random.Generator:
-    """Return the random numbers of a trial: they depend neither on other cells nor on
-    threads.
+    """Return the generator of the random numbers of a trial with p landmarks and z
+    active atoms, which depend on nothing else.
     """
     return np.random.default_rng(np.random.SeedSequence(0, spawn_key=(p, z, trial)))
 
 
 def plant(k: int, p: int, z: int, rng: np.random.Generator) -> Planted:
-    """Draw an instance with k atoms, z of them active (paper, section Simulation).
+    """Draw a random instance of p landmarks and k atoms, z of them active (paper,
+    section Simulation).
 
     Entries of B_i are N(0, 1), rotations uniform, z coefficients at random places U(0,
     1) and the others 0.
@@ -72,8 +73,8 @@ def plant(k: int, p: int, z: int, rng: np.random.Generator) -> Planted:
 
 
 def recover(planted: Planted) -> Solution:
-    """Solve min sum_i ||M_i||_2 s.t. W = sum_i M_i B_i + T 1^T (paper, eq.
-    finalnoiseless).
+    """Solve min sum_i ||M_i||_2 s.t. W = sum_i M_i B_i + T 1^T for the landmarks and
+    atoms of an instance (paper, eq. finalnoiseless).
 
     T is free, which is the same as centring the rows of W and of all B_i. One thread.
     """
@@ -82,7 +83,7 @@ def recover(planted: Planted) -> Solution:
 
 
 def transform_error(planted: Planted, found: Solution) -> float:
-    """||M_found - M||_F / ||M||_F."""
+    """||M_found - M||_F / ||M||_F of the transforms of a solution and an instance."""
     M = planted.transforms
     return float(np.linalg.norm(found.transforms.dense()[0] - M) / np.linalg.norm(M))
 
@@ -92,7 +93,9 @@ def shares_of_transforms(
     active: Sequence[int] = ACTIVE,
     trials: int = TRIALS,
 ) -> Shares:
-    """Return the share of each cell whose transforms are recovered exactly."""
+    """Return (landmarks p, active atoms z) -> share of random instances whose
+    transforms are recovered exactly.
+    """
 
     def succeeds(p: int, z: int, trial: int) -> bool:
         planted = plant(ATOMS, p, z, random_stream(p, z, trial))
@@ -109,14 +112,18 @@ def shares_of_transforms(
 
 
 def shares_table(shares: Shares, style: str = ".2f") -> str:
-    """Return numbers of cells as a table, p down and z across."""
+    """Return shares as a table in Markdown, landmarks p down and active atoms z
+    across.
+    """
     down, across = (sorted(set(numbers)) for numbers in zip(*shares, strict=True))
     rows = [[str(p), *(format(shares[p, z], style) for z in across)] for p in down]
     return markdown_table(["p \\ z", *map(str, across)], rows)
 
 
 def recovery_page(shares: Shares, paper: Shares, trials: int, source: str) -> str:
-    """Return the shares, the paper's beside them, and the differences, as Markdown."""
+    """Return a page in Markdown: the shares of exact recoveries, the paper's, and the
+    differences.
+    """
     parts = [
         "# Exact recovery",
         (

@@ -48,7 +48,8 @@ Given = tuple[shapefit.Landmarks, shapefit.Dictionary]
 
 @dataclass(frozen=True)
 class Experiment:
-    """Fits of the same images at each value of `key`, judged by a truth.
+    """Fits at each value of a setting, `key`, and the truth that they are compared
+    with.
 
     given: value -> images and dictionary; options: value -> arguments of
     `shapefit.fit`, whose config is `config`. Every `every`-th image is fitted.
@@ -69,8 +70,8 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Point:
-    """Errors in one metric of one group of sequences at one value, and the time of an
-    image.
+    """Errors of an experiment at one value of its setting, in one metric, of one group
+    of sequences; and the time of an image.
 
     Statistics of a group are the means of those of its sequences.
     """
@@ -91,15 +92,16 @@ class Point:
 
 
 def paper_experiments(data: Path) -> Iterator[Experiment]:
-    """Timing of the methods, and the convex program against lambda, noise, hidden
-    points, k, and the trials that it learns from.
+    """Yield the experiments on motion capture: the time of the methods, and the convex
+    program against lambda, noise, hidden landmarks, k, and the trials learned from.
     """
 
-    def truth() -> shapefit.Shapes:
+    def read_truth() -> shapefit.Shapes:
         return shapefit.read_shapes(*(data / f"subject{n}_24fps.h5" for n in (13, 14)))
 
     @cache
-    def landmarks(settings: tuple[str, ...] = ()) -> shapefit.Landmarks:
+    def project(settings: tuple[str, ...] = ()) -> shapefit.Landmarks:
+        """Return the images of `make mocap-table`, or projected with these settings."""
         path = RESULTS / "mocap/landmarks.h5"
         if settings:
             path = path.with_name("varied.h5")
@@ -114,7 +116,7 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         return shapefit.read_landmarks(path)
 
     @cache
-    def learned(k: int) -> shapefit.Dictionary:
+    def learn_atoms(k: int) -> shapefit.Dictionary:
         path = RESULTS / "mocap/varied-dictionary.h5"
         run(
             "learn-dict",
@@ -127,21 +129,22 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         )
         return shapefit.read_dictionary(path)
 
-    def learned_from(trials: Value) -> shapefit.Dictionary:
+    def learn_from_trials(trials: Value) -> shapefit.Dictionary:
+        """Return a dictionary of some trials of subject 86, such as "1-4"."""
         first, last = map(int, str(trials).split("-"))
         shapes = shapefit.read_shapes(data / "subject86_24fps.h5")
         sequences = np.array(shapes.sequences)
         chosen = sorted(set(sequences.tolist()))[first - 1 : last]
         few = shapes[np.isin(sequences, chosen)]
-        names = list(dictionary().landmark_names or ())
+        names = list(read_dictionary().landmark_names or ())
         return shapefit.learn(few, k=64, every=3, landmarks=names)
 
     @cache
-    def dictionary(name: str = "mocap/dictionary.h5") -> shapefit.Dictionary:
+    def read_dictionary(name: str = "mocap/dictionary.h5") -> shapefit.Dictionary:
         return shapefit.read_dictionary(RESULTS / name)
 
-    def projected(key: str, value: Value) -> Given:
-        return landmarks((f"{key}={value}",)), dictionary()
+    def project_with(key: str, value: Value) -> Given:
+        return project((f"{key}={value}",)), read_dictionary()
 
     configs = CONFIGS / "paper"
     convex = Experiment(
@@ -149,8 +152,8 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         "lambda",
         (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1),
         configs / "fit-convex.yaml",
-        lambda _: (landmarks(), dictionary()),
-        truth,
+        lambda _: (project(), read_dictionary()),
+        read_truth,
         options=lambda value: {"lam": value},
         groups=GROUPS,
         every=20,
@@ -161,7 +164,7 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         key="method",
         values=("convex", "convex+refine", "alternate", "mean-shape"),
         config=configs / "fit-alternate-six-views.yaml",
-        options=lambda method: {"method": method, **_one_start(method)},
+        options=lambda method: {"method": method, **_start_option(method)},
         every=10,
     )
     yield timing
@@ -170,7 +173,7 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         name="timing-pmp",
         values=("pmp",),
         config=configs / "fit-pmp.yaml",
-        given=lambda _: (landmarks(), dictionary("paper/dictionary-pmp.h5")),
+        given=lambda _: (project(), read_dictionary("paper/dictionary-pmp.h5")),
     )
     yield convex
     plain: dict[str, Any] = {"options": lambda _: {}}
@@ -183,7 +186,7 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
             name=f"sensitivity-{key}",
             key=key,
             values=values,
-            given=partial(projected, key),
+            given=partial(project_with, key),
             **plain,
         )
     yield replace(
@@ -191,7 +194,7 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         name="sensitivity-k",
         key="k",
         values=(8, 16, 32, 64, 128),
-        given=lambda k: (landmarks(), learned(int(k))),
+        given=lambda k: (project(), learn_atoms(int(k))),
         **plain,
     )
     yield replace(
@@ -199,27 +202,27 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         name="sensitivity-training",
         key="trials of subject 86",
         values=("1-8", "1-4", "5-8", "1-2", "3-4", "5-6", "7-8"),
-        given=lambda trials: (landmarks(), learned_from(trials)),
+        given=lambda trials: (project(), learn_from_trials(trials)),
         **plain,
     )
 
 
-def _one_start(method: Value) -> dict[str, int]:
-    """Return the key `starts` of the paper's alternation, where it is the method."""
+def _start_option(method: Value) -> dict[str, int]:
+    """Return `starts` = 1 for alternation, as in the paper; {} for another method."""
     return {"starts": 1} if method == "alternate" else {}
 
 
 def car_experiments(data: Path) -> Iterator[Experiment]:
-    """Cars whose visible landmarks were made wrong: each search for outliers, against
-    the share.
+    """Yield the experiments on cars with corrupted landmarks: each search for outliers,
+    against the share that is corrupted.
     """
     dictionary = shapefit.read_dictionary(RESULTS / "cars/dictionary.h5")
     images = shapefit.read_landmarks(data / "annotated_cars.h5")
     images = arrange(images, tuple(dictionary.landmark_names or ()))
 
-    def given(share: Value) -> Given:
-        seen = visible(images).sum(axis=1) >= 20
-        return corrupt(images, float(share))[seen], dictionary
+    def corrupt_images(share: Value) -> Given:
+        is_used = visible_landmarks(images).sum(axis=1) >= 20
+        return corrupt(images, float(share))[is_used], dictionary
 
     for config in sorted((CONFIGS / "cars").glob("outliers-*.yaml")):
         yield Experiment(
@@ -227,7 +230,7 @@ def car_experiments(data: Path) -> Iterator[Experiment]:
             "corrupted share",
             (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7),
             config,
-            given,
+            corrupt_images,
             lambda: shapefit.read_shapes(data / "models.h5"),
             options=lambda _: OF_THE_CARS,
             metrics=("similarity", "camera", "rotation", "precision", "recall"),
@@ -236,7 +239,7 @@ def car_experiments(data: Path) -> Iterator[Experiment]:
 
 
 def run(*arguments: str | Path) -> None:
-    """Run a command of shapefit. Raises SystemExit where it fails."""
+    """Run a command of shapefit. Raises SystemExit where its exit code is not 0."""
     command = [
         str(Path(sys.executable).with_name("shapefit")),
         *map(str, arguments),
@@ -246,8 +249,10 @@ def run(*arguments: str | Path) -> None:
         raise SystemExit(f"failed: {' '.join(command)}")
 
 
-def visible(images: shapefit.Landmarks) -> Flags:
-    """Which landmarks (n, p) are seen, with a confidence above 0."""
+def visible_landmarks(images: shapefit.Landmarks) -> Flags:
+    """Return flags (n, p) of the landmarks that have coordinates and, if any confidence
+    is known, one above 0.
+    """
     seen: Flags = np.asarray(np.isfinite(images.landmarks).all(axis=2))
     return (
         seen
@@ -257,7 +262,9 @@ def visible(images: shapefit.Landmarks) -> Flags:
 
 
 def arrange(images: shapefit.Landmarks, names: tuple[str, ...]) -> shapefit.Landmarks:
-    """Return the landmarks in this order, unseen where the images lack one."""
+    """Return images with the landmarks of these names, in their order; nan where the
+    images lack one.
+    """
     own = list(images.landmark_names or ())
     columns = [own.index(name) if name in own else len(own) for name in names]
 
@@ -277,15 +284,16 @@ def arrange(images: shapefit.Landmarks, names: tuple[str, ...]) -> shapefit.Land
 def corrupt(
     images: shapefit.Landmarks, share: float, seed: int = 0
 ) -> shapefit.Landmarks:
-    """Replace a random `share` of the visible landmarks of each image: those of
-    `corrupted` (n, p).
+    """Return images with a random `share` of the visible landmarks of each replaced by
+    random points, and with the flags of these as the extra `corrupted` (n, p).
 
     The points are uniform over the bounding box of the visible landmarks grown on each
     side by MARGIN times its size. The number in an image is rounded up or down at
     random; a larger share replaces more of the landmarks, by the same points. What is
     drawn for an image depends on its place alone.
     """
-    seen, points = visible(images), np.array(images.landmarks, dtype=np.float64)
+    seen = visible_landmarks(images)
+    points = np.array(images.landmarks, dtype=np.float64)
     n, p = seen.shape
     chosen = np.zeros((n, p), dtype=bool)
     for batch, start in enumerate(range(0, n, BATCH)):
@@ -316,7 +324,9 @@ def corrupt(
 
 
 def measure(experiment: Experiment) -> list[Point]:
-    """Fit and judge at each value."""
+    """Run an experiment: fit its images at each value, compare with the truth, and
+    return the points.
+    """
     points = []
     truth = experiment.truth()
     for value in experiment.values:
@@ -338,7 +348,9 @@ def measure(experiment: Experiment) -> list[Point]:
 def points_of(
     key: str, value: Value, errors: shapefit.Evaluation, seconds: float
 ) -> Iterator[Point]:
-    """Sum up the errors at a value: each metric in its first unit, each group."""
+    """Yield the points at a value of the setting `key`: one for each metric, in its
+    first unit, and group of sequences.
+    """
     units: dict[str, str] = {}
     for metric, unit in errors.errors:
         units.setdefault(metric, unit)
@@ -381,7 +393,8 @@ def points_of(
 
 
 def table_of(points: Sequence[Point]) -> str:
-    """Return values down; mean / median of each group and metric, and the time, across.
+    """Return the points as a table in Markdown: values down; mean / median of each
+    group and metric, and the time of an image, across.
 
     Where images failed, the share of those that did not stands behind the errors of
     their group.
@@ -415,7 +428,9 @@ def table_of(points: Sequence[Point]) -> str:
 
 
 def read_points(folder: Path) -> list[Point]:
-    """Read sweep.csv; values stay text."""
+    """Read the points of an experiment from sweep.csv in its folder; values stay
+    text.
+    """
     types = {entry.name: entry.type for entry in fields(Point)}
     convert = {"int": int, "float": float}
     with (folder / "sweep.csv").open(newline="", encoding="utf-8") as file:

@@ -10,7 +10,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.records import Record
-from shapefit.records.columns import fields_from
+from shapefit.records.columns import column_by_name
 
 
 def put(
@@ -25,6 +25,26 @@ def put(
     file_extras = of_file.pop("extras")
     changed = dataclasses.replace(record, **fields, **of_file)
     return changed.with_extras(extras).with_file_extras(file_extras)
+
+
+def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:
+    """Return the keyword arguments of a record from its columns by name in files.
+
+    Columns that the class does not list become `extras`; those that are None are left
+    out.
+    """
+    listed = column_by_name(cls)
+    fields: dict[str, Any] = {}
+    extras: dict[str, object] = {}
+    for name, value in columns.items():
+        if value is None:
+            continue
+        if name in listed:
+            fields[listed[name].field] = value
+        else:
+            extras[name] = value
+    fields["extras"] = extras
+    return fields
 
 
 def in_rows(points: Floats) -> Floats:

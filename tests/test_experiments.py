@@ -96,11 +96,11 @@ def replaced_landmarks(images, corrupted):
 def test_the_share_of_the_visible_landmarks_is_replaced(images, share):
     corrupted = sensitivity.corrupt(images, share)
     wrong = corrupted.extras["corrupted"]
-    seen = sensitivity.visible(images)
+    seen = sensitivity.visible_landmarks(images)
     have_a_box = seen.sum(axis=1) > 1
     changed = replaced_landmarks(images, corrupted)
     deviations = wrong.sum(axis=1) - share * seen.sum(axis=1)
-    assert_array_equal(sensitivity.visible(corrupted), seen)
+    assert_array_equal(sensitivity.visible_landmarks(corrupted), seen)
     assert np.abs(deviations).max() < 1
     assert_array_equal(changed[have_a_box], wrong[have_a_box])
 
@@ -109,7 +109,7 @@ def test_the_share_of_the_visible_landmarks_is_replaced(images, share):
 def test_landmarks_are_placed_uniformly_inside_the_grown_box(images, share):
     """By a test of Kolmogorov and Smirnov; the box is grown by a tenth on each side."""
     corrupted = sensitivity.corrupt(images, share)
-    boxed = sensitivity.visible(images).sum(axis=1) > 1
+    boxed = sensitivity.visible_landmarks(images).sum(axis=1) > 1
     wrong = corrupted.extras["corrupted"][boxed]
     before = images.landmarks[boxed]
     low = np.nanmin(before, axis=1)[:, None]

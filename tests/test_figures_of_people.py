@@ -14,10 +14,10 @@ from benchmarks.footage import (
     SIZE,
     choose_clips,
     film,
-    gaps,
     lasting_noise,
-    look,
     measure,
+    place_before_camera,
+    random_gaps,
 )
 from shapefit.evaluation.metrics import similarity_error
 from shapefit.geometry.normalisation import normalise
@@ -181,7 +181,7 @@ def test_noise_lasts(rng):
 
 
 def test_gaps_have_their_share(rng):
-    assert gaps(4000, 5, rng).mean() == pytest.approx(0.1, abs=0.02)
+    assert random_gaps(4000, 5, rng).mean() == pytest.approx(0.1, abs=0.02)
 
 
 def test_the_camera_sees_the_whole_body_upright(rng):
@@ -190,7 +190,7 @@ def test_the_camera_sees_the_whole_body_upright(rng):
     body = np.zeros((3, 3, 4))
     body[:, 1] = [0.0, 0.5, 1.0, 1.7]
     for _ in range(20):
-        visible, focal = look(body, rng)
+        visible, focal = place_before_camera(body, rng)
         y = visible[:, 1]
         assert (visible[:, 2] > 0).all()
         assert (y[:, head] < y[:, feet]).all()

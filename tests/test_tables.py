@@ -143,7 +143,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from shapefit.io.options import Summary
-from shapefit.io.readers.poses import of_frames
+from shapefit.io.readers.poses import poses_from_frames
 from shapefit.io.atomic import atomic_path
 
 
@@ -153,7 +153,7 @@ def read_points(paths):
     rows = [line.split() for line in lines]
     numbers = np.array([row[1:] for row in rows], float).reshape(-1, len(names), 2)
     labels = [row[0] for row in rows]
-    return of_frames(paths[0], numbers, labels=labels, landmark_names=names)
+    return poses_from_frames(paths[0], numbers, labels=labels, landmark_names=names)
 
 
 @contextmanager

@@ -93,12 +93,11 @@ def test_a_file_that_is_changed_is_put_back(
         return code
 
     monkeypatch.setattr(script, "run", run)
-    assert (
-        script.verdict(tmp_path, mutant, ["a::b"], 1.0).replace("that ", "") == verdict
-    )
+    found = script.judge_mutant(tmp_path, mutant, ["a::b"], 1.0)
+    assert found.replace("that ", "") == verdict
     assert path.read_text() == "x = 1  # one\n"
     assert texts == [("x = (2)  # one\n", "a::b")]
-    assert script.verdict(tmp_path, mutant, [], 1.0) == "not reached"
+    assert script.judge_mutant(tmp_path, mutant, [], 1.0) == "not reached"
 
 
 @pytest.mark.parametrize(

@@ -22,18 +22,18 @@ HOW = {
 
 
 def __getattr__(name: str) -> Any:
-    """Return a hook of scikit-build-core; what asks for requirements wants a compiler
-    first.
+    """Return the build hook of this name of scikit-build-core; all but those of a
+    source distribution first check that there is a C++ compiler.
     """
     if name in ("get_requires_for_build_sdist", "build_sdist") or name.startswith("_"):
         return getattr(build, name)
     hook = getattr(build, name)
 
-    def checked(*arguments: Any, **options: Any) -> Any:
+    def check_and_call(*arguments: Any, **options: Any) -> Any:
         require_compiler()
         return hook(*arguments, **options)
 
-    return checked
+    return check_and_call
 
 
 def require_compiler() -> None:
@@ -45,21 +45,21 @@ def require_compiler() -> None:
     if given or sys.platform == "win32" or "CMAKE_TOOLCHAIN_FILE" in os.environ:
         return
     wanted = shlex.split(os.environ.get("CXX", ""))
-    if wanted and not runs(wanted[0]):
+    if wanted and not can_run(wanted[0]):
         sys.exit(
             f"shapefit needs a C++ compiler, and CXX={wanted[0]} is none: mend or unset"
             " CXX."
         )
-    if not wanted and not any(map(runs, COMPILERS)):
+    if not wanted and not any(map(can_run, COMPILERS)):
         how = HOW.get(sys.platform, "GCC or Clang")
         sys.exit(
             f"shapefit needs a C++ compiler to build its core. Install one: {how}."
         )
 
 
-def runs(compiler: str) -> bool:
-    """Whether the compiler is there and starts (macOS has stubs that only offer to
-    install).
+def can_run(compiler: str) -> bool:
+    """Whether a compiler is installed and starts (macOS has stubs that only offer to
+    install it).
     """
     path = shutil.which(compiler)
     if path is None:

@@ -71,12 +71,14 @@ IMAGES_PER_BLOCK: int
 
 
 def pages() -> dict[Path, str]:
-    """Return the text of each generated page."""
+    """Return path -> text of the generated pages of docs/."""
     return {DOCS / "config.md": config_page(), DOCS / "commands.md": commands_page()}
 
 
 def stub() -> str:
-    """Return the signatures of the compiled core, one line for each function."""
+    """Return the text of the stub of the compiled core: the signature of each function
+    on a line.
+    """
     generator = StubGen(core._core, recursive=False)  # type: ignore[attr-defined]
     generator.put(core._core)  # type: ignore[attr-defined]
     functions = [
@@ -86,7 +88,7 @@ def stub() -> str:
 
 
 def config_page() -> str:
-    """Return the page of all keys of all commands, as Markdown."""
+    """Return the page of the config keys of all commands, as Markdown."""
     sections, listed = [KEYS], dict[type[BaseModel], set[str]]()
     for title, model in SHARED.items():
         above = set().union(*(listed[base] for base in model.__mro__ if base in listed))
@@ -94,7 +96,7 @@ def config_page() -> str:
             f"`{name}`" for name, config in CONFIGS.items() if issubclass(config, model)
         ]
         shared = [row for row in describe_keys(model) if row.name not in above]
-        sections.append(f"## {title}: {', '.join(users)}\n\n{_table(shared)}")
+        sections.append(f"## {title}: {', '.join(users)}\n\n{_table_of_keys(shared)}")
         listed[model] = above | {row.name for row in shared}
     for command, config in CONFIGS.items():
         above = set().union(
@@ -102,11 +104,11 @@ def config_page() -> str:
         )
         others = [row for row in describe_keys(config) if row.name not in above]
         summary = " ".join((config.__doc__ or "").split())
-        sections.append(f"## `{command}`\n\n{summary}\n\n{_table(others)}")
+        sections.append(f"## `{command}`\n\n{summary}\n\n{_table_of_keys(others)}")
     return "\n".join(sections)
 
 
-def _table(shown: Iterable[KeyInWords]) -> str:
+def _table_of_keys(shown: Iterable[KeyInWords]) -> str:
     lines = (
         f"| `{row.name}` | {row.expects} | `{row.default}` | {row.meaning} |"
         for row in shown
@@ -118,12 +120,12 @@ def _table(shown: Iterable[KeyInWords]) -> str:
 
 def commands_page() -> str:
     """Return the help of every command, as Markdown; their common options once."""
-    context = _context(commands, "shapefit")
-    sections = ["# Commands\n", _help(context)]
+    context = _context_of(commands, "shapefit")
+    sections = ["# Commands\n", _help_as_markdown(context)]
     fit = copy(commands.commands["fit"])
     fit.params = [option for option in fit.params if option.name in COMMON]
     options = (
-        _help(_context(fit, "fit", context))
+        _help_as_markdown(_context_of(fit, "fit", context))
         .partition("Options:")[2]
         .partition("\n\n")[0]
     )
@@ -133,11 +135,12 @@ def commands_page() -> str:
         other.params = [
             option for option in command.params if option.name not in COMMON
         ]
-        sections += [f"## `{name}`\n", _help(_context(other, name, context))]
+        text = _help_as_markdown(_context_of(other, name, context))
+        sections += [f"## `{name}`\n", text]
     return "\n".join(sections)
 
 
-def _context(
+def _context_of(
     command: click.Command, name: str, parent: click.Context | None = None
 ) -> click.Context:
     return command.make_context(
@@ -145,12 +148,12 @@ def _context(
     )
 
 
-def _help(context: click.Context) -> str:
+def _help_as_markdown(context: click.Context) -> str:
     return f"```\n{context.get_help()}\n```\n"
 
 
 def main() -> None:
-    """Write the pages and the stub."""
+    """Write the generated pages of docs/ and the stub of the core."""
     stub_path = DOCS.parent / "shapefit/core/_core.pyi"
     for path, text in (*pages().items(), (stub_path, stub())):
         path.write_text(text, encoding="utf-8")

@@ -5,7 +5,9 @@ from pathlib import Path
 
 
 def main(names: list[str]) -> int:
-    """Return 1 where a file had to be changed."""
+    """Let each file end with one line end; return 1 where any had to be changed, else
+    0.
+    """
     changed = [name for name in names if end_with_a_line(Path(name))]
     for name in changed:
         print(f"{name}: ends with one line end now")
@@ -13,7 +15,9 @@ def main(names: list[str]) -> int:
 
 
 def end_with_a_line(path: Path) -> bool:
-    """Change the end of a file if need be; say whether it was."""
+    """Let a file end with one line end, an empty one with none; return whether it was
+    changed.
+    """
     before = path.read_bytes()
     after = before.rstrip(b"\n") + b"\n" if before.strip() else b""
     if after == before:

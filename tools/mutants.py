@@ -45,8 +45,8 @@ COMMAND = "#!{}\nimport sys\nfrom shapefit.cli.main import main\nsys.exit(main()
 
 
 class Reach(NamedTuple):
-    """Tests (contexts of coverage) by file and line, and of each test its name and
-    seconds.
+    """Which tests reach each line: file -> line -> tests, as contexts of coverage; and
+    test -> its name for pytest and seconds.
     """
 
     lines: dict[str, dict[int, list[str]]]
@@ -56,8 +56,8 @@ class Reach(NamedTuple):
 
 @contextmanager
 def checkout() -> Iterator[Path]:
-    """Make a checkout of HEAD with an environment that borrows all other packages and
-    the core.
+    """Yield a temporary checkout of HEAD, with an environment that borrows all other
+    packages and the compiled core.
     """
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         place = Path(folder).resolve() / "checkout"
@@ -94,8 +94,8 @@ def git(*arguments: str) -> str:
 
 
 def run(place: Path, arguments: list[str], seconds: float | None = None) -> int | None:
-    """Run Python in a checkout; return its exit code, None where it takes longer than
-    that.
+    """Run Python with arguments in a checkout; return its exit code, or None where it
+    is killed after so many seconds.
     """
     path = os.pathsep.join([str(place / ".venv/bin"), os.environ.get("PATH", "")])
     process = subprocess.Popen(
@@ -116,8 +116,10 @@ def run(place: Path, arguments: list[str], seconds: float | None = None) -> int 
         raise
 
 
-def record(place: Path, tests: list[str]) -> Reach:
-    """Return what the quick tests run."""
+def record_reach(place: Path, tests: list[str]) -> Reach:
+    """Run the quick ones of some tests in a checkout under coverage; return which lines
+    each reaches.
+    """
     settings, data, report = (
         place / ".venv" / name for name in ("coveragerc", "data", "tests.xml")
     )
@@ -135,14 +137,16 @@ def record(place: Path, tests: list[str]) -> Reach:
         str(Path(path).relative_to(place)): found.contexts_by_lineno(path)
         for path in found.measured_files()
     }
-    return Reach(lines, *passing(ElementTree.parse(report).iter("testcase")))
+    return Reach(lines, *passed_tests(ElementTree.parse(report).iter("testcase")))
 
 
-def passing(
+def passed_tests(
     cases: Iterable[ElementTree.Element],
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Return context -> name for pytest, and -> seconds, of the test functions that
-    pass.
+    """Read a JUnit report: the test functions that pass, and the seconds of all.
+
+    Returns context -> name as pytest takes it, of functions that pass, and context ->
+    seconds, of all. A context is the name by which coverage calls a function.
     """
     names: dict[str, str] = {}
     seconds: dict[str, float] = defaultdict(float)
@@ -163,8 +167,10 @@ def passing(
     }, dict(seconds)
 
 
-def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[str]:
-    """Return tests that run changed lines of a file and take so long at most."""
+def choose_tests(path: Path, changed: range, reach: Reach, seconds: float) -> list[str]:
+    """Return names of tests that reach changed lines of a file, as many as take so many
+    seconds together, one at least.
+    """
     lines = reach.lines.get(str(path), {})
     own = "tests/" + str(path.parent).removeprefix("shapefit/")
     reached = {context for line in changed for context in lines.get(line, [])}
@@ -175,12 +181,13 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
             context for context, name in reach.names.items() if name.startswith(own)
         }
 
-    def order(context: str) -> tuple[bool, float]:
+    def sort_key(context: str) -> tuple[bool, float]:
+        """Return a key that sorts tests of the file's folder first, then by seconds."""
         return not reach.names[context].startswith(own), reach.seconds[context]
 
     chosen: list[str] = []
     total = 0.0
-    for context in sorted(reached & reach.names.keys(), key=order):
+    for context in sorted(reached & reach.names.keys(), key=sort_key):
         total += reach.seconds[context]
         if chosen and total > seconds:
             break
@@ -188,9 +195,11 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
     return chosen
 
 
-def verdict(place: Path, mutant: Mutant, tests: list[str], seconds: float) -> str:
-    """Return "killed", "survives" or "not reached"; the file is changed, and put
-    back.
+def judge_mutant(place: Path, mutant: Mutant, tests: list[str], seconds: float) -> str:
+    """Run tests, which take so many seconds without it, on a mutant; return "killed"
+    and how, "survives", or "not reached" where there are no tests.
+
+    Its file in the checkout is changed, and put back.
     """
     if not tests:
         return "not reached"
@@ -241,8 +250,8 @@ NOT_RUN = {"annotation", "returns", "decorator_list", "type_params", "ctx"}
 
 
 class Mutant(NamedTuple):
-    """One change: its file, the lines of its statement up to it, what was there and
-    what is, and where that is in the bytes of the file.
+    """A change of one expression: its file, the lines of its statement up to its end,
+    the text before and after, and its place in the bytes of the file.
     """
 
     path: Path
@@ -253,14 +262,14 @@ class Mutant(NamedTuple):
 
     @property
     def source(self) -> bytes:
-        """The source of the file with the change."""
+        """Return the bytes of the file with the change."""
         source = self.path.read_bytes()
         after = f"({self.after})".encode()
         return source[: self.place.start] + after + source[self.place.stop :]
 
 
 def mutants(path: Path) -> Iterator[Mutant]:
-    """Yield every mutant of a file."""
+    """Yield every mutant of a Python file."""
     source = path.read_bytes()
     starts = [0, 0]
     for line in source.splitlines(keepends=True):
@@ -278,8 +287,8 @@ def mutants(path: Path) -> Iterator[Mutant]:
 
 
 def expressions(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.AST, int]]:
-    """Yield the expressions that run and are no messages, with their parent and the
-    line where their statement begins.
+    """Yield each expression that runs and is no message, its parent, and the line where
+    its statement begins.
     """
     waiting: list[tuple[ast.AST, int]] = [(tree, 1)]
     while waiting:
@@ -299,7 +308,7 @@ def expressions(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.AST, int]]:
 
 
 def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
-    """Yield what an expression could be in its place."""
+    """Yield the expressions that mutants have in the place of an expression."""
     if isinstance(parent, ast.If | ast.While | ast.IfExp) and node is parent.test:
         yield ast.UnaryOp(ast.Not(), node)
         ends = ast.Raise | ast.Return | ast.Continue | ast.Break
@@ -307,9 +316,9 @@ def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
             yield ast.Constant(False)  # the guard is gone
     match node:
         case ast.Compare(ops=[operator], comparators=[_]):
-            yield changed(node, ops=[exchanged(operator)])
+            yield with_fields(node, ops=[partner_of(operator)])
         case ast.BoolOp(op=operator, values=[first, *_]):
-            yield changed(
+            yield with_fields(
                 node, op=ast.Or() if isinstance(operator, ast.And) else ast.And()
             )
             yield first
@@ -317,7 +326,7 @@ def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
             type(operator).__name__ in NAMES
         ):
             if not is_text(left) and not is_text(right):
-                yield changed(node, op=exchanged(operator))
+                yield with_fields(node, op=partner_of(operator))
                 yield left
         case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
             yield operand
@@ -332,14 +341,14 @@ def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
 
 
 def changes_of_call(node: ast.Call) -> Iterator[ast.expr]:
-    """Yield a call of another function, with two arguments swapped, without each
-    keyword.
+    """Yield the expressions that mutants have in the place of a call: another function,
+    its first argument alone, two arguments swapped, a keyword left out.
     """
     match node.func:
         case ast.Name(id=name) if name in NAMES:
-            yield changed(node, func=ast.Name(NAMES[name]))
+            yield with_fields(node, func=ast.Name(NAMES[name]))
         case ast.Attribute(value=value, attr=name) if name in NAMES:
-            yield changed(node, func=ast.Attribute(value, NAMES[name]))
+            yield with_fields(node, func=ast.Attribute(value, NAMES[name]))
         case ast.Name(id=name) | ast.Attribute(attr=name) if (
             name in UNWRAPPED and node.args
         ):
@@ -348,18 +357,19 @@ def changes_of_call(node: ast.Call) -> Iterator[ast.expr]:
         case [first, second, *rest] if not any(
             isinstance(a, ast.Starred) for a in node.args
         ):
-            yield changed(node, args=[second, first, *rest])
+            yield with_fields(node, args=[second, first, *rest])
     for index in range(len(node.keywords)):
-        yield changed(node, keywords=node.keywords[:index] + node.keywords[index + 1 :])
+        others = node.keywords[:index] + node.keywords[index + 1 :]
+        yield with_fields(node, keywords=others)
 
 
-def exchanged(operator: ast.operator | ast.cmpop) -> Any:
-    """Return the operator that takes the place of another."""
+def partner_of(operator: ast.operator | ast.cmpop) -> Any:
+    """Return the operator that mutants have in the place of an operator, by NAMES."""
     return getattr(ast, NAMES[type(operator).__name__])()
 
 
-def changed(node: ast.expr, **fields: Any) -> ast.expr:
-    """Return a copy of a node with other fields."""
+def with_fields(node: ast.expr, **fields: Any) -> ast.expr:
+    """Return a copy of a node in which these fields are replaced."""
     new = copy.copy(node)
     for name, value in fields.items():
         setattr(new, name, value)
@@ -367,14 +377,14 @@ def changed(node: ast.expr, **fields: Any) -> ast.expr:
 
 
 def is_text(node: ast.expr) -> bool:
-    """Whether an expression is plainly a string."""
+    """Whether an expression is a string or an f-string."""
     return isinstance(node, ast.JoinedStr) or (
         isinstance(node, ast.Constant) and isinstance(node.value, str)
     )
 
 
 def main() -> None:
-    """Try mutants and print what becomes of each."""
+    """Try random mutants of the package; print whether the tests kill each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
@@ -390,7 +400,7 @@ def main() -> None:
     options = parser.parse_args()
     began, alive = time.monotonic(), 0
     with checkout() as place:
-        reach = record(place, options.tests)
+        reach = record_reach(place, options.tests)
         roots = [place / room for room in options.rooms]
         files = {
             f
@@ -402,8 +412,8 @@ def main() -> None:
         print(f"{len(some)} of {len(every)} mutants", flush=True)
         for mutant in some:
             path = mutant.path.relative_to(place)
-            tests = tests_of(path, mutant.lines, reach, options.seconds)
-            found = verdict(place, mutant, tests, options.seconds)
+            tests = choose_tests(path, mutant.lines, reach, options.seconds)
+            found = judge_mutant(place, mutant, tests, options.seconds)
             alive += not found.startswith("killed")
             where = f"{path}:{mutant.lines[-1]}"
             print(found, where, mutant.before, mutant.after, sep="\t", flush=True)

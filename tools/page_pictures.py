@@ -136,30 +136,34 @@ TITLES = (
 
 
 class Picture(NamedTuple):
-    """What draws a picture into a file, and the code by which it changes, as globs."""
+    """A picture: the function that draws it into a file, and globs of the further code
+    on which it depends.
+    """
 
     draw: Callable[[Path], None]
     sources: tuple[str, ...]
 
 
 class MissingInput(Exception):
-    """What a picture is drawn from is not there; the text says what makes it."""
+    """A file that a picture is drawn from is missing; the text says what makes it."""
 
 
 def make_pictures(names: list[str]) -> None:
-    """Make these pictures, or all, and note which code drew them."""
+    """Draw the pictures of these names, or all, and store digests of the code that drew
+    them.
+    """
     for name in names or PICTURES:
         try:
             PICTURES[name].draw(IMAGES / name)
         except MissingInput as error:
             print(f"{name} is left as it is: {error}")
             continue
-        _note_code(name)
+        _store_digest(name)
         print(f"{name} made", flush=True)
 
 
-def _note_code(name: str) -> None:
-    """Note which code has just drawn a picture."""
+def _store_digest(name: str) -> None:
+    """Store the digest of the code that has just drawn a picture."""
     digests = json.loads(DRAWN_BY.read_text(encoding="utf-8"))
     digests[name] = digest_of_code(name)
     ordered = {name: digests[name] for name in PICTURES if name in digests}
@@ -167,15 +171,17 @@ def _note_code(name: str) -> None:
 
 
 def stale_pictures() -> list[str]:
-    """Return the pictures that are older than the code that draws them."""
+    """Return the names of pictures that are older than the code that draws them."""
     digests = json.loads(DRAWN_BY.read_text(encoding="utf-8"))
     return [name for name in PICTURES if digests.get(name) != digest_of_code(name)]
 
 
 def digest_of_code(name: str, project: Path = PROJECT) -> str:
-    """Return a digest of what draws a picture: its function here, and its sources.
+    """Return a digest of the code that draws a picture: its function here, and its
+    sources.
 
-    Spaces, line ends and commas do not count, which formatters move.
+    Comments of JavaScript do not count, nor spaces, line ends and commas, which
+    formatters move.
     """
     picture = PICTURES[name]
     function = picture.draw
@@ -183,7 +189,11 @@ def digest_of_code(name: str, project: Path = PROJECT) -> str:
         function = function.func
     texts = [inspect.getsource(function)]
     for glob in picture.sources:
-        texts += [path.read_text("utf-8") for path in sorted(project.glob(glob))]
+        for path in sorted(project.glob(glob)):
+            text = path.read_text("utf-8")
+            if path.suffix == ".js":
+                text = COMMENT_OF_JAVASCRIPT.sub("", text)
+            texts.append(text)
     letters = re.sub(r"[\s,]", "", "".join(texts))
     return hashlib.sha256(letters.encode()).hexdigest()[:16]
 
@@ -259,9 +269,8 @@ DOG = "animal_walk/20"
 def _draw_lifted(
     left: Axes, right: Axes, result: Path, item: str, turn: float | None, mesh: Path
 ) -> None:
-    """Draw landmarks of an image, and the shape lifted from them turned by degrees.
-
-    For no turn the mesh of a car.
+    """Draw the landmarks of one item of a result on the left, and its shape, turned by
+    degrees, on the right; the mesh for no turn.
     """
     import shapefit
     from shapefit.io.skeletons import edges_of
@@ -283,14 +292,16 @@ def _draw_lifted(
     if edges is None:
         edges = np.array(edges_of(fit.landmark_names))
     # y down and z away become y up and z towards the viewer
-    points = _seen(fit.shapes[row] * [1, -1, -1], turn, 12)
+    points = _turn_and_tilt(fit.shapes[row] * [1, -1, -1], turn, 12)
     _draw_bones(right, points, edges, fit.landmark_names)
 
 
 def _draw_bones(
     axes: Axes, points: Floats, edges: Integers, names: Sequence[str]
 ) -> None:
-    """Draw bones between points (p, 3), left and right in their colours."""
+    """Draw points (p, 3) and the bones between them, left and right in their
+    colours.
+    """
     order = np.argsort([points[list(edge), 2].mean() for edge in edges])
     for edge in edges[order]:
         sides = {_side(names[end]) for end in edge} - {""}
@@ -303,7 +314,9 @@ def _draw_bones(
 
 
 def _side(name: str) -> str:
-    """Return the side that a name states: left, right or none."""
+    """Return the side of the body that a landmark's name states: "left", "right" or
+    "".
+    """
     for side in ("left", "right"):
         if name.startswith((side, side[0])) and name not in ("rump", "nose", "neck"):
             return side
@@ -314,8 +327,10 @@ SIDE_COLOURS = {"left": "#0072B2", "right": "#B86E00", "": "#007A5E"}
 INK = "#1d2430"
 
 
-def _seen(points: Floats, turn: float, pitch: float) -> Floats:
-    """Return points (p, 3) turned about the vertical, then tilted, in degrees."""
+def _turn_and_tilt(points: Floats, turn: float, pitch: float) -> Floats:
+    """Return points (p, 3) about their mean, turned about the vertical and then tilted,
+    in degrees.
+    """
     a, b = np.deg2rad([turn, pitch])
     yaw = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
     tilt = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
@@ -328,7 +343,7 @@ def _draw_mesh(axes: Axes, path: Path) -> None:
     from matplotlib.collections import PolyCollection
 
     mesh = trimesh.load_mesh(path)
-    vertices = _seen(np.asarray(mesh.vertices), -50, 15)
+    vertices = _turn_and_tilt(np.asarray(mesh.vertices), -50, 15)
     triangles = vertices[np.asarray(mesh.faces)]
     triangles = triangles[np.argsort(triangles[:, :, 2].mean(axis=1))]
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -397,7 +412,9 @@ def draw_gallery(target: Path, script: str, shown: str) -> None:
 
 
 def run_script(script: str, folder: Path) -> None:
-    """Run a script of the gallery in the clone, with this environment's commands."""
+    """Run a script of the gallery on a folder for what it writes, with this
+    environment's commands.
+    """
     shell = "sh" if script.endswith(".sh") else sys.executable
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     line = [shell, f"docs/gallery/{script}", str(folder)]
@@ -406,7 +423,7 @@ def run_script(script: str, folder: Path) -> None:
 
 @contextmanager
 def page_of(result: Path) -> Iterator[WebDriver]:
-    """Open the page of a result in a browser in which nothing plays."""
+    """Yield a browser that shows the page of a result and in which nothing plays."""
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -434,7 +451,7 @@ def page_of(result: Path) -> Iterator[WebDriver]:
 
 
 def settled(driver: WebDriver) -> bytes:
-    """Return a picture (PNG) of the page once it no longer changes."""
+    """Return a photograph (PNG) of the page, taken once it no longer changes."""
     before = b""
     picture: bytes = driver.get_screenshot_as_png()
     while picture != before:
@@ -444,11 +461,16 @@ def settled(driver: WebDriver) -> bytes:
 
 
 def _made(path: Path, target: str) -> Path:
-    """Return a file that a target of make has made. Raises MissingInput."""
+    """Return the path of a file that a target of make makes. Raises MissingInput where
+    it is not there.
+    """
     if not path.exists():
         raise MissingInput(f"make {target} makes {path.relative_to(PROJECT)}")
     return path
 
+
+COMMENT_OF_JAVASCRIPT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+"""No text of the page's scripts has // or /* in it."""
 
 VIEWER = (
     "shapefit/viewer/*.css",
@@ -463,7 +485,9 @@ CELLS = ("experiments/cells.py",)
 
 
 def _gallery(script: str, shown: str, sources: tuple[str, ...]) -> Picture:
-    """Return the picture of a script of the gallery, which is one of its sources."""
+    """Return the Picture that shows what a script of the gallery writes; the script is
+    one of its sources.
+    """
     draw = partial(draw_gallery, script=script, shown=shown)
     return Picture(draw, (f"docs/gallery/{script}", *sources))
 

@@ -23,7 +23,7 @@ CHECKOUT = ("benchmarks", "tools")
 
 
 def main() -> None:
-    """Make the environment and install into it."""
+    """Make the environment and install the project into it."""
     folder, arguments = Path(sys.argv[1]), sys.argv[2:]
     venv.create(folder, symlinks=True)
     (packages,) = folder.glob("lib/python*/site-packages")

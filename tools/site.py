@@ -35,8 +35,8 @@ GATHERED = (
 
 
 def main() -> None:
-    """Write the site, and end with the exit code of its builder: a link that leads
-    nowhere is 1.
+    """Write the site; end with exit code 1 where it cannot be built, as with a link
+    that leads nowhere.
     """
     shutil.rmtree(PAGES.parent, ignore_errors=True)
     for pattern in GATHERED:
@@ -90,7 +90,9 @@ SECTIONS = (arguments.Camera, arguments.Prior, arguments.Save, arguments.Learned
 
 
 def functions_page() -> str:
-    """Return a page that lists what `import shapefit` offers, from the docstrings."""
+    """Return the page, in Markdown, of all functions and classes of `import shapefit`,
+    which mkdocs fills from their docstrings.
+    """
     names = [name for name in shapefit.__all__ if not name.startswith("_")]
     places = [*(getattr(shapefit, name) for name in names), Page, *SECTIONS, Reading]
     return "# Functions\n\n" + "\n".join(
@@ -99,7 +101,7 @@ def functions_page() -> str:
 
 
 def write_sample(page: Path) -> None:
-    """Lift the walkers of sample_data and write their page."""
+    """Lift the two walkers of sample_data and write the page of the result."""
     command = [sys.executable, "-m", "shapefit"]
     with tempfile.TemporaryDirectory() as folder:
         result = str(Path(folder) / "walk.h5")

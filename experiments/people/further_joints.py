@@ -84,24 +84,24 @@ here.
 
 @dataclass(frozen=True)
 class Regression:
-    """y - mean_y = B (x - mean_x) + e, e of the covariance Q: B (..., e, d), Q (..., e,
-    e).
+    """The linear regression y - mean_y = B (x - mean_x) + noise of covariance Q: B
+    (..., e, d), Q (..., e, e).
     """
 
     B: Floats
     Q: Floats
 
     @classmethod
-    def of(cls, C: Floats, d: int) -> Regression:
-        """B = C_yx C_xx^-1, Q = C_yy - B C_xy for the covariances C (..., d + e, d +
-        e).
+    def from_covariance(cls, C: Floats, d: int) -> Regression:
+        """B = C_yx C_xx^-1, Q = C_yy - B C_xy for covariances C (..., d + e, d + e) of
+        x (d,) and y (e,).
         """
         B = np.asarray(np.linalg.solve(C[..., :d, :d], C[..., :d, d:]).swapaxes(-1, -2))
         return cls(B, C[..., d:, d:] - B @ C[..., :d, d:])
 
-    def joint(self, C: Floats) -> Floats:
-        """Return the covariance (..., d + e, d + e) of x and y, where that of x is
-        C.
+    def joint_covariance(self, C: Floats) -> Floats:
+        """Return the covariance (..., d + e, d + e) of x and y together, for the
+        covariance C (..., d, d) of x.
         """
         across = self.B @ C
         last = across @ self.B.swapaxes(-1, -2) + self.Q
@@ -112,8 +112,8 @@ class Regression:
 
 
 def with_heels(shapes: Floats, names: list[str]) -> Floats:
-    """Return shapes (n, 3, p) of all joints: heels turn with the ball about the
-    ankle.
+    """Return shapes (n, 3, len(JOINTS)) of all joints, from shapes (n, 3, p) without
+    heels: these are placed at a fixed angle from the ball of the foot about the ankle.
     """
     point = {name: shapes[:, :, names.index(name)] for name in names}
     turn = np.pi - np.arctan2(BALL[1], BALL[0]) - np.arctan2(BELOW, BEHIND)
@@ -133,8 +133,10 @@ def with_heels(shapes: Floats, names: list[str]) -> Floats:
     return np.stack([point[name] for name in JOINTS], axis=2)
 
 
-def mirrored(names: list[str]) -> list[int]:
-    """Return the partner of each joint."""
+def mirror_index(names: list[str]) -> list[int]:
+    """Return the index of the joint on the other side for each joint, its own where
+    there is none.
+    """
     twins = {name: {"r": "l", "l": "r"}.get(name[0], "") + name[1:] for name in names}
     return [
         names.index(twins[name]) if twins[name] in names else j
@@ -143,17 +145,17 @@ def mirrored(names: list[str]) -> list[int]:
 
 
 def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
-    """Return shapes (n, 3, p) of all joints, as those were prepared that the prior is
-    of.
+    """Return shapes (n, 3, p) of all joints for learning, thinned, mirrored, varied and
+    aligned like those that the prior of the dictionary was learned from.
     """
     config = json.loads(dictionary.provenance["config"])
     d, prior = len(dictionary.landmark_names), config["prior"]
     names = [name for name in JOINTS if name in POINTS]
     shapes = given.as_columns()[every_nth(given.sequences or (), config["every"])]
     shapes = shapes[..., [given.landmark_names.index(POINTS[name]) for name in names]]
-    partners = mirrored(names)
+    partners = mirror_index(names)
     images = mirror(shapes, partners, lateral_axis(shapes, partners))
-    shapes = aligned(np.concatenate([shapes, images]), dictionary)
+    shapes = align(np.concatenate([shapes, images]), dictionary)
     bones = [edge for edge in edges_of(names) if set(edge) != {0, names.index("neck")}]
     varied = vary(
         shapes,
@@ -164,12 +166,12 @@ def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
         partners=np.array(partners),
     )
     assert names[:d] == list(dictionary.landmark_names)
-    return aligned(with_heels(varied, names), dictionary)
+    return align(with_heels(varied, names), dictionary)
 
 
-def aligned(shapes: Floats, dictionary: Dictionary) -> Floats:
-    """Return shapes normalised by the joints of the dictionary, and turned onto its
-    mean.
+def align(shapes: Floats, dictionary: Dictionary) -> Floats:
+    """Return shapes (n, 3, p) normalised by the joints of the dictionary, their first
+    ones, and rotated onto its mean shape.
     """
     d = len(dictionary.landmark_names)
     norm = normalise(shapes[..., :d])
@@ -179,39 +181,43 @@ def aligned(shapes: Floats, dictionary: Dictionary) -> Floats:
 
 
 def extend_prior(
-    prior: Mixture, shapes: Floats, shrinkage: float, floor: float
+    prior: Mixture, shapes: Floats, shrinkage: float, variance_floor: float
 ) -> Mixture:
-    """Return the prior over all landmarks of shapes (n, 3, p), whose first ones are
-    those of it.
+    """Extend a prior over the first d joints to all p joints of shapes (n, 3, p).
+
+    Its marginal over the first d joints is the prior. shrinkage and variance_floor as
+    in `mixture_rounds`.
     """
     n, _, p = shapes.shape
     d = prior.means.shape[2]
     X = np.concatenate(
         [shapes[..., :d].reshape(n, -1), shapes[..., d:].reshape(n, -1)], axis=1
     )
-    density = expected_log_density(X[:, : 3 * d], prior, floor)
+    density = expected_log_density(X[:, : 3 * d], prior, variance_floor)
     share = np.exp(density - density.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
-    G = np.cov(X.T, bias=True) + floor * np.eye(3 * p)
+    G = np.cov(X.T, bias=True) + variance_floor * np.eye(3 * p)
     kappa = shrinkage / (1 - shrinkage) * n / len(prior)
-    visible = maximise(X, share, G, kappa, floor)
+    visible = maximise(X, share, G, kappa, variance_floor)
     means, mu = (
         visible.means.reshape(len(prior), -1),
         prior.means.reshape(len(prior), -1),
     )
-    regression = Regression.of(visible.covariances, 3 * d)
+    regression = Regression.from_covariance(visible.covariances, 3 * d)
     away = np.einsum("kij,kj->ki", regression.B, mu - means[:, : 3 * d])
     further = (means[:, 3 * d :] + away).reshape(len(prior), 3, p - d)
     axes = np.arange(3)[:, None]
     order = np.hstack(
         [axes * d + np.arange(d), 3 * d + axes * (p - d) + np.arange(p - d)]
     ).ravel()
-    C = regression.joint(prior.covariances)[:, order][:, :, order]
+    C = regression.joint_covariance(prior.covariances)[:, order][:, :, order]
     return Mixture(prior.weights, np.concatenate([prior.means, further], axis=2), C)
 
 
 def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
-    """Return the dictionary with the further joints that the shapes have."""
+    """Return the dictionary extended to all JOINTS, learned from shapes that have those
+    it lacks, but for heels.
+    """
     d, config = (
         len(dictionary.landmark_names),
         json.loads(dictionary.provenance["config"]),
@@ -227,7 +233,8 @@ def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
     )
     W = np.linalg.lstsq(x, y, rcond=None)[0]
 
-    def whole(points: Floats) -> Floats:
+    def add_joints(points: Floats) -> Floats:
+        """Return points (..., 3, d) with the joints that they predict."""
         further = (points.reshape(-1, 3 * d) @ W).reshape(*points.shape[:-1], -1)
         return np.concatenate([points, further], axis=-1)
 
@@ -247,39 +254,45 @@ def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
     acceleration = find_acceleration(moving, sequences)
     assert acceleration is not None
 
-    def further(known: Floats | None, found: Floats) -> Floats | None:
+    def append_further(known: Floats | None, found: Floats) -> Floats | None:
+        """Return the known entries, followed by those of `found` beyond them."""
         return None if known is None else np.concatenate([known, found[len(known) :]])
 
     between = find_edge_covariance(find_lengths(moving, edges, sequences)[1])
     return replace(
         dictionary,
-        atoms=whole(dictionary.atoms),
+        atoms=add_joints(dictionary.atoms),
         landmark_names=JOINTS,
-        mean_shape=whole(dictionary.mean_shape),
+        mean_shape=add_joints(dictionary.mean_shape),
         edges=edges,
-        mirror_index=np.array(mirrored(list(JOINTS))),
+        mirror_index=np.array(mirror_index(list(JOINTS))),
         prior=extend_prior(
             dictionary.prior,
             shapes,
             config["prior"]["shrinkage"],
             config["prior"]["floor"],
         ),
-        acceleration=further(dictionary.acceleration, unit * acceleration),
-        bone_tolerance=further(
+        acceleration=append_further(dictionary.acceleration, unit * acceleration),
+        bone_tolerance=append_further(
             dictionary.bone_tolerance,
             unit * find_bone_tolerance(moving, edges, sequences),
         ),
-        edge_length=further(
+        edge_length=append_further(
             dictionary.edge_length,
             find_lengths(moving, edges, sequences)[0].mean(axis=0),
         ),
-        edge_covariance=Regression.of(between, e).joint(dictionary.edge_covariance),
+        edge_covariance=Regression.from_covariance(between, e).joint_covariance(
+            dictionary.edge_covariance
+        ),
         provenance={**dictionary.provenance, WHERE_MARKED: GROUPS},
     )
 
 
 def main() -> None:
-    """Read both, and write the result."""
+    """Read a dictionary and a file of shapes, and write the extended dictionary.
+
+    The command line: both, the file to write, and globs of sequences to leave out.
+    """
     source, points, target = map(Path, sys.argv[1:4])
     given = read_shapes([points])
     retained = [

@@ -41,12 +41,12 @@ EXACT = ("prior_weights",)
 
 
 def main() -> None:
-    """Read, shrink, write, and read again."""
+    """Read a learned dictionary, write it smaller, and check that it can be read."""
     source, target = map(Path, sys.argv[1:])
     with h5py.File(source) as learned, h5py.File(target, "w") as shipped:
         for name, dataset in learned.items():
             if name not in LEFT_OUT:
-                copy(shipped, name, dataset[()])
+                write_dataset(shipped, name, dataset[()])
         attributes = dict(learned.attrs) | ORIGIN
         attributes["config"] = json.dumps(
             without_folders(json.loads(attributes["config"]))
@@ -63,8 +63,10 @@ def main() -> None:
     print(f"{target}: {target.stat().st_size:,} bytes")
 
 
-def copy(file: Any, name: str, values: Any) -> None:
-    """Store the values of a dataset under its name."""
+def write_dataset(file: Any, name: str, values: Any) -> None:
+    """Write the values of a dataset to an HDF5 file, floats compressed and, unless they
+    must stay exact, in single precision.
+    """
     numbers = isinstance(values, np.ndarray) and values.dtype.kind == "f"
     if numbers and name not in EXACT:
         values = values.astype(np.float32)
@@ -77,7 +79,7 @@ def copy(file: Any, name: str, values: Any) -> None:
 
 
 def without_folders(value: Any) -> Any:
-    """Return what JSON holds with the name alone of each absolute path."""
+    """Return a value of JSON with the file name alone of each absolute path in it."""
     if isinstance(value, dict):
         return {key: without_folders(inner) for key, inner in value.items()}
     if isinstance(value, list):

@@ -156,9 +156,9 @@ Made = TypeVar("Made")
 
 
 def with_suggestions(function: Callable[P, Made]) -> Callable[P, Made]:
-    """Return a function that names the nearest argument where one is unknown.
+    """Wrap a function: an unknown argument raises InputError with the nearest one.
 
-    It raises InputError, where Python's own TypeError has no hint.
+    Python's own TypeError has no hint.
     """
     known = signature(function).parameters
 
@@ -175,7 +175,7 @@ def with_suggestions(function: Callable[P, Made]) -> Callable[P, Made]:
 def unknown_arguments(
     function: str, unknown: Collection[str], known: Collection[str]
 ) -> InputError:
-    """Return the error of arguments that a function does not have, a line each."""
+    """Return the InputError for arguments that a function does not have."""
     problems = []
     for name in unknown:
         near = get_close_matches(name, known, n=1)
@@ -193,7 +193,7 @@ COMMANDS = {"fit": "fit", "learn": "learn-dict", "evaluate": "eval"}
 
 
 def _keys_of(function: str) -> Collection[str]:
-    """Return the keys of the command that does the same as a function, if any."""
+    """Return the config keys of the command that a function stands for, if any."""
     command = COMMANDS.get(function)
     return CONFIGS[command].model_fields if command else ()
 
@@ -208,7 +208,7 @@ def config_of(
     placeholders: Mapping[str, object],
     file: File | None = None,
 ) -> Config:
-    """Return the config of a file, if any, changed by the arguments of a function.
+    """Return the checked config of a file, if any, and a function's arguments `given`.
 
     `placeholders` stand for the files of the command in messages. Raises InputError for
     each problem, with the name of its argument.

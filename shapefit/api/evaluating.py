@@ -33,7 +33,7 @@ BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """Errors of n images, and their sums.
+    """Errors of n images, and their summaries.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def evaluate(
     least_visible: int | None = None,
     rename: Mapping[str, str] | None = None,
 ) -> Evaluation:
-    """Compare a fit with the true shapes; errors and sums equal those of `eval`.
+    """Compare a fit with the true shapes; errors and summaries equal those of `eval`.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def evaluate(
     else:
         shapes = as_shapes(result)
         estimated = replace(Fit.of_shapes(shapes), extras=shapes.extras)
-    true = _truth_of(estimated, as_shapes(truth), config.rename)
+    true = _named_truth(estimated, as_shapes(truth), config.rename)
     record = with_names(estimated, true.landmark_names).without(BARS)
     measured = measure(Path("result"), record, true, config)
     grouping = group_sequences(config.groups, measured.sequences)
@@ -168,8 +168,8 @@ def evaluate(
     )
 
 
-def _truth_of(estimated: Fit, true: Shapes, rename: Mapping[str, str]) -> Shapes:
-    """Return true shapes as those of a file, with the names of the images if without.
+def _named_truth(estimated: Fit, true: Shapes, rename: Mapping[str, str]) -> Shapes:
+    """Rename landmarks of the true shapes; give shapes without items the images' ones.
 
     Raises InputError where they have no names and are not as many.
     """

@@ -19,7 +19,7 @@ from shapefit.records import Fit, Landmarks, Record, Shapes
 
 
 class Reading(TypedDict, total=False):
-    """How files are read; without any, as they are.
+    """Options of reading files; without any, files are read as they are.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ def read_landmarks(*paths: File, **options: Unpack[Reading]) -> Landmarks:
 
 
 def read_dictionary(path: File) -> Dictionary:
-    """Read a dictionary.
+    """Read a dictionary from a file, or an installed one by its name.
 
     Parameters
     ----------

@@ -26,18 +26,18 @@ from shapefit.api.arguments import (
 )
 from shapefit.api.dictionary import Dictionary
 from shapefit.api.files import read_dictionary
-from shapefit.api.messages import show_progress, unnamed, warn, with_names
+from shapefit.api.messages import show_progress, unnamed_error, warn, with_names
 from shapefit.api.steps import run_to_end
 from shapefit.arrays import Floats
 from shapefit.config.commands.fit import FitConfig
 from shapefit.dictionary import model
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import CAMERA_MATRIX
-from shapefit.io.dictionaries import check_given_dictionary
+from shapefit.io.dictionaries import check_dictionary_in_memory
 from shapefit.io.options import input_options
-from shapefit.io.readers.arrays import poses_of_array
-from shapefit.io.readers.items import landmarks_of
-from shapefit.io.source import source_of, without_doubtful
+from shapefit.io.readers.arrays import poses_from_array
+from shapefit.io.readers.items import poses_to_landmarks
+from shapefit.io.source import hide_below, source_of
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.choices import (
     are_long,
@@ -197,19 +197,19 @@ def fit(
         "threads": threads,
     }
     checked = config_of("fit", FitConfig, given, FILES, config)
-    atoms = _dictionary(dictionary)
+    atoms = _internal_dictionary(dictionary)
     images = _as_images(landmarks, checked, atoms.drop_unmarked(()).landmark_names)
     if weights is not None:
         images = replace(images, confidence=np.asarray(weights))
     if matrices is not None:
-        images = _with_matrices(images, matrices)
+        images = _with_camera_matrices(images, matrices)
     return _lift(images, atoms, checked, progress=progress)
 
 
 def _split_camera(
     camera: Camera | ArrayLike | None,
 ) -> tuple[Camera | None, Floats | None]:
-    """Return the section `camera` of a config, and matrices that are given, if any."""
+    """Split the argument `camera` into a section of the config and camera matrices."""
     if camera is None:
         return None, None
     given = {**camera} if isinstance(camera, Mapping) else {"focal": camera}
@@ -221,38 +221,40 @@ def _split_camera(
     return section, focal.astype(np.float64)
 
 
-def _with_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
-    """Return images with a camera matrix (3, 3) of all, or one of each (n, 3, 3)."""
+def _with_camera_matrices(images: Landmarks, matrices: Floats) -> Landmarks:
+    """Return images with a camera matrix (3, 3) of all, or with one each (n, 3, 3)."""
     if matrices.ndim == 2:
         return images.with_file_extras({CAMERA_MATRIX: matrices})
     return images.with_extras({CAMERA_MATRIX: matrices})
 
 
-def _dictionary(given: Dictionary | File) -> model.Dictionary:
-    """Return the internal Dictionary of one that is given, or of a name or file.
+def _internal_dictionary(dictionary: Dictionary | File) -> model.Dictionary:
+    """Return the internal form of a Dictionary, of a file or of an installed one.
 
     Raises InputError for what is none of these, and for one that no fit can use.
     """
-    if not isinstance(given, Dictionary | str | PathLike):
-        shape = f" {np.shape(given)}" if np.shape(given) else ""
-        fault = f"is no dictionary, but {type(given).__name__}{shape}"
+    if not isinstance(dictionary, Dictionary | str | PathLike):
+        shape = f" {np.shape(dictionary)}" if np.shape(dictionary) else ""
+        fault = f"is no dictionary, but {type(dictionary).__name__}{shape}"
         fix = (
             "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k,"
             " p, 3)"
         )
         raise input_error("dictionary", fault, fix)
-    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
-    check_given_dictionary(atoms, "dictionary")
-    return atoms
+    if not isinstance(dictionary, Dictionary):
+        dictionary = read_dictionary(dictionary)
+    internal = dictionary.model()
+    check_dictionary_in_memory(internal, "dictionary")
+    return internal
 
 
 def _as_images(
     landmarks: Landmarks | ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return arrays as Landmarks with these names (p) of landmarks; Landmarks stay.
+    """Return an array or Landmarks as Landmarks; unnamed ones are called `names` (p).
 
-    Names of their own stay too. Raises InputError for what is no array of numbers, and
-    where landmarks without names are not as many as the names.
+    Raises InputError for what is no array of numbers, and where landmarks without names
+    are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
         return _landmarks_of_array(landmarks, config, names)
@@ -261,38 +263,38 @@ def _as_images(
         fix = f"say it of these: landmarks.replaced(y_axis={config.y_axis!r})"
         raise input_error("fit.y_axis", fault, fix)
     if config.min_confidence:
-        landmarks = without_doubtful(landmarks, config.min_confidence)
+        landmarks = hide_below(landmarks, config.min_confidence)
     return with_names(landmarks, names).with_whole_points()
 
 
 def _landmarks_of_array(
-    given: ArrayLike, config: FitConfig, names: Sequence[str]
+    array: ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return an array as Landmarks, by `y_axis` and `image_size` of the config.
+    """Return an array (n, p, 2 or 3) or (p, 2 or 3) as Landmarks, as the config says.
 
     Those with confidences, of a skeleton or of one image are read as a detector's file
     is. Raises InputError as `_as_images`.
     """
-    if isinstance(given, str | PathLike):
-        fix = f"read it: shapefit.read_landmarks({str(given)!r}, track='nearest')"
+    if isinstance(array, str | PathLike):
+        fix = f"read it: shapefit.read_landmarks({str(array)!r}, track='nearest')"
         raise input_error("landmarks", "is the name of a file", fix)
     try:
-        points = np.asarray(given, np.float64)
+        points = np.asarray(array, np.float64)
     except (TypeError, ValueError):
         fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
         raise input_error("landmarks", "is no array of numbers", fix) from None
     of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
     if of_detector and config.keypoints is None and points.shape[-2] != len(names):
-        raise unnamed("landmarks", points.shape[-2], names)
+        raise unnamed_error("landmarks", points.shape[-2], names)
     if not of_detector and config.keypoints is None:
         plain = Landmarks(points, y_axis=config.y_axis or "down")
         return with_names(plain, names).with_whole_points()
     place = Path("landmarks")
     if config.keypoints is None:
-        poses = poses_of_array(place, points, landmark_names=tuple(names))
+        poses = poses_from_array(place, points, landmark_names=tuple(names))
     else:
-        poses = poses_of_array(place, points)
-    images, _ = landmarks_of(poses, input_options(config))
+        poses = poses_from_array(place, points)
+    images, _ = poses_to_landmarks(poses, input_options(config))
     return images
 
 

@@ -16,15 +16,15 @@ Step = TypeVar("Step")
 
 
 def warn(messages: Iterable[object]) -> None:
-    """Issue a Python warning for each message, at the user's line; notes are none."""
-    level = _level_of_the_user()
+    """Issue a Python warning, at the user's line, for each message that is no Note."""
+    level = _stacklevel_of_user()
     for message in messages:
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=level)
 
 
-def _level_of_the_user() -> int:
-    """Return how many calls above `warn` the first one outside the package is."""
+def _stacklevel_of_user() -> int:
+    """Return the `stacklevel`, in `warn`, of the first caller outside the package."""
     frame = sys._getframe(1)
     level = 1
     while frame.f_back and _is_ours(str(frame.f_globals.get("__name__"))):
@@ -46,7 +46,7 @@ def show_progress(
     unit: str,
     total: int | None = None,
 ) -> Iterator[Step]:
-    """Yield steps of a run, and show how far they are, in a notebook as its own bar.
+    """Yield steps of a run; where `wanted`, show a progress bar of them.
 
     total is that of all steps, where it is known before they say it.
     """
@@ -68,18 +68,20 @@ def show_progress(
 
 
 def with_names(record: Record, names: Sequence[str]) -> Record:
-    """Return a record with names of its items, and these names of its landmarks.
+    """Return a record whose unnamed landmarks are called `names`, and items numbered.
 
     Names of its own stay. Raises InputError where `names` are too few or too many.
     """
     p = record.points.shape[1]
     if not record.landmark_names and len(names) != p:
-        raise unnamed(record.POINTS, p, names)
+        raise unnamed_error(record.POINTS, p, names)
     return record.named(names)
 
 
-def unnamed(dataset: str, p: int, names: Sequence[str]) -> InputError:
-    """Return the InputError for p landmarks without names, not as many as `names`."""
+def unnamed_error(dataset: str, p: int, names: Sequence[str]) -> InputError:
+    """Return the InputError for p unnamed landmarks of a dataset, more or fewer than
+    `names`.
+    """
     skeletons = skeletons_of_size(p) if dataset == Landmarks.POINTS else ()
     fix = f"name them: {dataset.title()}({dataset}, landmark_names=[...])"
     if skeletons:

@@ -47,18 +47,18 @@ def as_html(fit: Fit) -> str:
     head = "<tr><th>field</th><th>shape</th><th>unit</th></tr>"
     table = f"<table>{head}{rows}</table>"
     return (
-        f"<div><p>{escape(repr(fit)[1:-1])}</p>{_picture(fit)}"
+        f"<div><p>{escape(repr(fit)[1:-1])}</p>{_draw_images(fit)}"
         f"<details><summary>fields</summary>{table}</details></div>"
     )
 
 
-def _picture(fit: Fit) -> str:
-    """Return some shapes as the camera sees them, as SVG; "" for a fit of no image."""
+def _draw_images(fit: Fit) -> str:
+    """Return SVG of some shapes as the camera sees them; "" for a fit of no image."""
     rows = evenly(len(fit), MAX_DRAWN_IMAGES)
     if not len(rows):
         return ""
     edges = edges_of_fit(fit)
-    drawn = [_drawing(fit, int(row), edges) for row in rows]
+    drawn = [_draw_shape(fit, int(row), edges) for row in rows]
     images = "".join(
         f'<g transform="translate({place * DRAWING_SIDE})">{drawing}</g>'
         for place, drawing in enumerate(drawn)
@@ -68,14 +68,14 @@ def _picture(fit: Fit) -> str:
 
 
 def edges_of_fit(fit: Fit) -> list[tuple[int, int]]:
-    """Return the pairs of landmarks that a line joins, by position."""
+    """Return the edges between the landmarks of a fit, as pairs of their indices."""
     if fit.lines is None:
         return [*edges_of(fit.landmark_names)]
     return [(int(a), int(b)) for a, b in fit.lines]
 
 
-def _drawing(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
-    """Return one shape as a group of SVG, pale where it is not trusted."""
+def _draw_shape(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
+    """Return the shape of one image as a group of SVG, pale where it is not trusted."""
     title = f"<title>{escape(fit.items[row])}</title>"
     places = _fit_in_square(fit.shapes[row, :, :2], up=fit.y_axis == "up")
     if places is None:
@@ -96,7 +96,7 @@ def _drawing(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
 
 
 def _fit_in_square(points: Floats, *, up: bool) -> Floats | None:
-    """Return points (p, 2) in a square of pixels; None where none is known."""
+    """Scale points (p, 2) into a square of DRAWING_SIDE pixels; None if all are NaN."""
     if not np.isfinite(points).any():
         return None
     flat = points * (1, -1 if up else 1)
@@ -120,7 +120,7 @@ def plot(fit: Fit, image: int | str, ax: Axes3D | None) -> Axes3D:
         ends = [a, b]
         ax.plot(x[ends], away * z[ends], y[ends], color="0.3")
     ax.scatter(x, away * z, y, s=12)
-    for bar in _bars(fit, row):
+    for bar in _error_bars(fit, row):
         bar_x, bar_y, bar_z = bar.T
         ax.plot(bar_x, away * bar_z, bar_y, color="C0", linewidth=0.8)
     if (fit.y_axis == "down") != ax.zaxis_inverted():
@@ -136,7 +136,7 @@ MAX_TICKS = 4
 
 
 def _row_of(fit: Fit, image: int | str) -> int:
-    """Return the place of an image, given by it or by a name. Raises InputError."""
+    """Return the row of an image that is given by number or name. Raises InputError."""
     if isinstance(image, int) and -len(fit) <= image < len(fit):
         return image
     if isinstance(image, str) and image in fit.items:
@@ -156,8 +156,8 @@ def _new_axes() -> Axes3D:
     return pyplot.figure().add_subplot(projection="3d")
 
 
-def _bars(fit: Fit, row: int) -> Iterator[Floats]:
-    """Yield the ends (2, 3) of bars of one sd to both sides: three of each point."""
+def _error_bars(fit: Fit, row: int) -> Iterator[Floats]:
+    """Yield three error bars for each landmark, as ends (2, 3) one sd to both sides."""
     if fit.shape_sd is None:
         return
     for point, deviations in zip(fit.shapes[row], fit.shape_sd[row], strict=True):

@@ -12,7 +12,7 @@ Made = TypeVar("Made")
 
 
 class _Run(Generic[Made]):
-    """Yields the results of a generator, and then has what that returned."""
+    """Iterates over a generator, and then has its return value as `made`."""
 
     def __init__(self, steps: Generator[Result, None, Made]) -> None:
         self._steps = steps

@@ -51,7 +51,7 @@ def to_metres(
 
 
 def _is_height(height: float) -> bool:
-    """Whether this is a height that `convert` takes, in metres."""
+    """Whether a value is the height of a body in metres, as `convert` takes it."""
     is_number = isinstance(height, int | float | np.integer | np.floating)
     return is_number and 0 < height <= MAX_HEIGHT
 
@@ -75,7 +75,7 @@ def to_pandas(fit: Fit) -> pandas.DataFrame:
     sequences = None if fit.sequences is None else np.array(fit.sequences, dtype=object)
     per_image = {
         "frame": fit.frames,
-        "time": _times_of(fit),
+        "time": _image_times(fit),
         "sequence": sequences,
         "trusted": fit.trusted,
         "reasons": fit.reasons,
@@ -88,10 +88,10 @@ def to_pandas(fit: Fit) -> pandas.DataFrame:
     return table
 
 
-def _times_of(fit: Fit) -> Floats | None:
-    """Return the times (n,) of the images, of the frame rate or as they are stated.
+def _image_times(fit: Fit) -> Floats | None:
+    """Return the times (n,) of images in seconds, or as frames without a frame rate.
 
-    Without a frame rate they are numbers of frames; None where nothing is known.
+    Stated times count where frames disagree; None where neither is known.
     """
     if fit.frames is None:
         return fit.times

@@ -177,7 +177,7 @@ def _leave_out_own_data(
 
 
 def _child_of(section: object, key: str | int) -> object:
-    """Return a value of a section or list, None where there is none."""
+    """Return the value of a key of a section, or at an index of a list, or None."""
     if isinstance(section, dict):
         return section.get(key)
     if isinstance(section, list | tuple) and isinstance(key, int):

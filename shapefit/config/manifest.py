@@ -79,8 +79,8 @@ class PartLine(ManifestLine):
     rows (start, stop) of the one input, None for all; states, the bytes and time of
     change of each input; images, how many of them `failed`, how many are trusted, of
     methods with a prior, and how many are solved to their tolerance or not, with the
-    largest gap, for methods that state one; `bytes`
-    and digest of the contents of the result.
+    largest gap, for methods that state one; `bytes` and digest of the contents of the
+    result.
     """
 
     file: PartName
@@ -152,7 +152,7 @@ def _read_line(kind: type[AnyLine], text: bytes, place: str) -> AnyLine:
 
 
 def manifest_error(place: str | Path, reason: str) -> InputError:
-    """Make the error that a file with the name of a manifest is none, for a reason."""
+    """Make the error that the file `place` is no manifest of results, for a reason."""
     fix = f"name another folder, or remove {MANIFEST} and fit with --replace"
     return input_error(place, f"is not a manifest of results ({reason:.300})", fix)
 

@@ -94,7 +94,7 @@ class CommandConfig(ConfigModel):
         return self
 
     def _name_after(self, files: Sequence[Path]) -> Path:
-        """Return the output that is named after the first of the input files."""
+        """Return the path of the output, which is named after the first input file."""
         stem = files[0].name.partition(".")[0] if files else ""
         stem = stem or "standard"
         output = Path.cwd() / f"{stem}{self.OUTPUT}"

@@ -186,9 +186,9 @@ def find_dictionary(value: object) -> Path:
 
 
 def find_named_files(value: object) -> Mapping[str, object]:
-    """Return names -> files of a path, a glob or a list of them; a mapping stays.
+    """Return name -> file for a path, a glob or a list of these; a mapping stays.
 
-    Globs are expanded, and folders stay whole; a file is called by its name without
+    Globs are expanded, and folders stay whole; the name of a file is that without its
     ending. Raises ValueError for two files of one name, and where there is no file.
     """
     if isinstance(value, Mapping):

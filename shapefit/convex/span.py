@@ -134,10 +134,9 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
     """Yield the problem in parts of images, reduced to the span (p, r) of the atoms.
 
     A part has equal weights. One of many different weights is not reduced, its basis
-    None. How a
-    block of images is divided does not depend on the others, so that no result depends
-    on how images are batched; blocks of one set of weights stay together, for threads
-    to share.
+    None. How a block of images is divided does not depend on the others, so that no
+    result depends on how images are batched; blocks of one set of weights stay
+    together, for threads to share.
     """
     together: list[NDArray[np.intp]] = []
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(span, np.frombuffer(key)))

@@ -3,9 +3,9 @@
 max over pi, mu, C of  sum_n w_n log sum_k pi_k exp(E log N(x_n + e; mu_k, C_k))
                        - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),
 
-e ~ N(0, floor I). The expectation over e raises every covariance by the floor; kappa
-draws the covariances towards G, that of all shapes and e together, as that many shapes
-would. No round lowers the objective.
+e ~ N(0, variance_floor I). The expectation over e raises every covariance by
+variance_floor I; kappa draws the covariances towards G, that of all shapes and e
+together, as that many shapes would. No round lowers the objective.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def learn_mixture(
     components: int,
     *,
     shrinkage: float,
-    floor: float,
+    variance_floor: float,
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> LearnedMixture:
@@ -123,7 +123,7 @@ def learn_mixture(
         shapes,
         components,
         shrinkage=shrinkage,
-        floor=floor,
+        variance_floor=variance_floor,
         max_rounds=max_rounds,
         tolerance=tolerance,
     )
@@ -135,7 +135,7 @@ def mixture_rounds(
     components: int,
     *,
     shrinkage: float,
-    floor: float,
+    variance_floor: float,
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> Iterator[LearnedMixture]:
@@ -144,30 +144,32 @@ def mixture_rounds(
     The shapes are normalised and aligned. There is at least one round.
 
     shrinkage in [0, 1): the share of G in the covariance of a component of average
-    size; floor > 0: variance of every coordinate beyond that of the shapes. The start
-    is k-means with the seeds of k-means++ drawn from a fixed stream: equal shapes give
-    equal mixtures. Ends where a round raises the objective by no more than `tolerance`
-    a shape. Components that no shape belongs to any more are left out. Raises
-    ValueError for more components than shapes.
+    size; variance_floor > 0: variance of every coordinate beyond that of the shapes.
+    The start is k-means with the seeds of k-means++ drawn from a fixed stream: equal
+    shapes give equal mixtures. Ends where a round raises the objective by no more than
+    `tolerance` a shape. Components that no shape belongs to any more are left out.
+    Raises ValueError for more components than shapes.
     """
     X = np.ascontiguousarray(shapes.reshape(len(shapes), -1))
     n, d = X.shape
     if not 1 <= components <= n:
         raise ValueError(f"components must be within 1..{n}, is {components}")
     ones = np.ones(n)
-    G = _scatter(X, ones, ones @ X / n) / n + floor * np.eye(d)
+    G = _scatter(X, ones, ones @ X / n) / n + variance_floor * np.eye(d)
     kappa = shrinkage / (1 - shrinkage) * n / components
     nearest = np.eye(components)[kmeans(X, components)]
-    mixture = maximise(X, nearest, G, kappa, floor)
+    mixture = maximise(X, nearest, G, kappa, variance_floor)
     trace: list[float] = []
     for _ in range(max_rounds):
-        density = expected_log_density(X, mixture, floor)
+        density = expected_log_density(X, mixture, variance_floor)
         top = density.max(axis=1, keepdims=True)
         log_sum = top[:, 0] + np.log(np.exp(density - top).sum(axis=1))
         trace.append(float(log_sum.sum()) + log_prior(mixture, G, kappa))
         has_ended = len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n
         if not has_ended:
-            mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
+            mixture = maximise(
+                X, np.exp(density - log_sum[:, None]), G, kappa, variance_floor
+            )
         yield LearnedMixture(_without_empty_components(mixture, n), np.array(trace))
         if has_ended:
             return
@@ -182,15 +184,16 @@ def _without_empty_components(mixture: Mixture, n: int) -> Mixture:
 
 
 def maximise(
-    X: Floats, share: Floats, G: Floats, kappa: float, floor: float
+    X: Floats, share: Floats, G: Floats, kappa: float, variance_floor: float
 ) -> Mixture:
     """Return the likeliest mixture for shares (n, K) of its components in shapes X.
 
-    The maximisation step. X (n, d), the shapes as rows; G, kappa and floor: see above.
+    The maximisation step. X (n, d), the shapes as rows; G, kappa and variance_floor as
+    in the objective above.
     """
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
-    prior = floor * np.eye(X.shape[1])
+    prior = variance_floor * np.eye(X.shape[1])
 
     def covariance_of(k: int) -> Floats:
         """Return the shrunk covariance of component k."""
@@ -203,14 +206,14 @@ def maximise(
     return Mixture(weights, means.reshape(len(count), 3, -1), np.stack(covariances))
 
 
-def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
-    """Return log pi_k + E log N(X_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
+def expected_log_density(X: Floats, mixture: Mixture, variance_floor: float) -> Floats:
+    """Return log pi_k + E log N(X_n + e; mu_k, C_k) (n, K), e ~ N(0, variance_floor I).
 
-    The log densities of shapes X (n, d) that have an error of the variance `floor`.
+    The log densities of shapes X (n, d) that have errors of this variance.
     """
     density = mixture.log_density(X.reshape(len(X), 3, -1))
     traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)
-    expected: Floats = density - 0.5 * floor * traces
+    expected: Floats = density - 0.5 * variance_floor * traces
     return expected
 
 

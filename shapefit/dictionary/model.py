@@ -43,17 +43,17 @@ class Dictionary:
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the
     training shapes had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in
     `unit`; atom_origin (k, 3): where the origin of the frame of its training shape is
-    beside B_i, so that meshes leave the package where they were;
-    atom_items (k,): the training shape that each atom is, where the atoms are
-    exemplars; prior is that over shapes, residual_variance (1,) the variance of a
-    normalised coordinate that it cannot place, and p_value_table (t, 4) what p-values
-    under it are found by, see `draw_table`; acceleration (p,): how much the training
-    shapes move, see `find_acceleration`, and their frame_rate in Hz; bone_tolerance
-    (e,), how far edges are from rigid, see `find_bone_tolerance`; edge_length (e,), the
-    mean lengths of the edges in `unit`, and edge_covariance (e, e), how their
-    logarithms differ between bodies, see `find_edge_covariance`; each where it is
-    known; objective_trace is the training objective after every half-step; provenance
-    holds text (version, resolved config, input digests).
+    beside B_i, so that meshes leave the package where they were; atom_items (k,): the
+    training shape that each atom is, where the atoms are exemplars; prior is that over
+    shapes, residual_variance (1,) the variance of a normalised coordinate that it
+    cannot place, and p_value_table (t, 4) what p-values under it are found by, see
+    `draw_table`; acceleration (p,): how much the training shapes move, see
+    `find_acceleration`, and their frame_rate in Hz; bone_tolerance (e,), how far edges
+    are from rigid, see `find_bone_tolerance`; edge_length (e,), the mean lengths of the
+    edges in `unit`, and edge_covariance (e, e), how their logarithms differ between
+    bodies, see `find_edge_covariance`; each where it is known; objective_trace is the
+    training objective after every half-step; provenance holds text (version, resolved
+    config, input digests).
     """
 
     atoms: Floats

@@ -87,11 +87,11 @@ def measure_error_bars(
 ) -> tuple[Floats, Floats]:
     """Return squared Mahalanobis distances (n, p) of the truth, and widths of the bars.
 
-    d^T C^-1 d (n, p), d = e_j - y_j, of the truth y = a R x + t.
-    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,
-    t on z takes the centroid of the depths to that of the estimate (why:
-    docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the
-    weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised residuals.
+    d^T C^-1 d (n, p), d = e_j - y_j, of the truth y = a R x + t. It is placed in the
+    image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2, t on z takes the
+    centroid of the depths to that of the estimate (why: docs/metrics.md). What this
+    takes off the variance of x_j, its leverage h_j with the weights 1 / sd^2, is given
+    back: d_x / sqrt(1 - h), as in studentised residuals.
 
     estimate e and deviation (n, 3, p) in the camera frame, truth x (n, 3, p), rotation
     R (n, 3, 3) from its frame there, correlation (n, 3, p) of x with y, x with z, y

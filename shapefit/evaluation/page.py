@@ -372,7 +372,7 @@ def inline_svg(name: str, svg: str, title: str) -> str:
     inner = re.sub(r"<metadata>.*?</metadata>", "", inner, flags=re.DOTALL)
     inner = re.sub(r"<style.*?</style>", "", inner, flags=re.DOTALL)
     # Tags alone: what a name says stays as it is.
-    inner = re.sub("<[^>]*>", lambda tag: _as_part(name, tag[0]), inner)
+    inner = re.sub("<[^>]*>", lambda tag: _adapt_tag(tag[0], name), inner)
     panels = []
     left = 0.0
     for place, share in enumerate(PANELS[name]):
@@ -389,8 +389,8 @@ def inline_svg(name: str, svg: str, title: str) -> str:
     return f'<div class="{kind}">{"".join(panels)}</div>'
 
 
-def _as_part(name: str, tag: str) -> str:
-    """Return a tag of an SVG in the colours of the page, its ids prefixed by `name`."""
+def _adapt_tag(tag: str, name: str) -> str:
+    """Give an SVG's tag, `<...>`, the page's colours, and its ids the prefix `name`."""
     for colour, of_page in RECOLOURED.items():
         tag = tag.replace(colour, f"var(--{of_page})")
     tag = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', tag)

@@ -99,7 +99,7 @@ ROBUST_STEPS = 10
 
 
 class FilmedBody(NamedTuple):
-    """A body before the camera, and what is known of it.
+    """A body in front of the camera, and what is known of it.
 
     points and their deviations (n, 3, p) in metres, nan in gaps; joints, the column of
     each joint; stature in metres; rate in Hz.

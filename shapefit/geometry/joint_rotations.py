@@ -182,9 +182,9 @@ def _find_rest_frame(points: Floats, tree: Sequence[Node]) -> int:
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     """Return the rotations G (m, f, 3, 3) in space of all nodes since frame `rest`.
 
-    Several bones turn by least squares. A
-    single bone turns the shortest way from its mean direction, seen by its parent, and
-    then about itself as the bones that follow do.
+    Several bones turn by least squares. A single bone turns the shortest way from its
+    mean direction, seen by its parent, and then about itself as the bones that follow
+    do.
     """
     G = np.empty((len(tree), len(points), 3, 3))
     for number, node in enumerate(tree):

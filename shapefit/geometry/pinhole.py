@@ -140,10 +140,10 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
 def distort(
     points: Floats, coefficients: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Distort points (..., 2, p) of the image plane at distance 1, with derivatives.
+    """Distort points (..., 2, p); return x' and y', dx'/dx, dy'/dy and dx'/dy (..., p).
 
-    Returns the points, dx/dx, dy/dy and dx/dy. coefficients (..., 8). dx/dy = dy/dx,
-    since the model is the gradient of a function of the plane.
+    The points x, y are those of the image plane at distance 1; coefficients (..., 8).
+    dy'/dx = dx'/dy, since the model is the gradient of a function of the plane.
     """
     each = np.moveaxis(coefficients, -1, 0)[..., None]
     k1, k2, p1, p2, k3, k4, k5, k6 = each

@@ -18,8 +18,8 @@ from shapefit.records.shapes import Shapes
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-OF_LANDMARKS = ("confidence", *LABELS)
-"""Further columns (n, p) that go with their landmarks."""
+PER_LANDMARK = ("confidence", *LABELS)
+"""Names of extra columns (n, p) with a value for each landmark of each item."""
 
 
 def arrange(
@@ -29,7 +29,7 @@ def arrange(
     *,
     omit: bool = False,
 ) -> Record:
-    """Return the same items with the landmarks `names`, in that order.
+    """Select and reorder a record's landmarks by name; add those that images lack.
 
     Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges
     move with their landmarks. Landmarks that `names` lacks are left out with `omit`.
@@ -47,8 +47,8 @@ def arrange(
     place_of = {name: column for column, name in enumerate(before)}
     unseen = p  # the row of a landmark that is added behind the others
     rows = np.array([place_of.get(name, unseen) for name in names], np.intp)
-    position = np.full(p + 1, -1)
-    position[rows] = np.arange(len(names))
+    new_index = np.full(p + 1, -1)
+    new_index[rows] = np.arange(len(names))
 
     padded = np.pad(record.points, [(0, 0), (0, 1), (0, 0)], constant_values=np.nan)
     changes: dict[str, object] = {
@@ -56,7 +56,7 @@ def arrange(
         record.POINTS: padded[:, rows],
         "extras": {
             name: _take_padded(values, rows)
-            if _goes_with(record, name, values)
+            if _is_per_landmark(record, name, values)
             else values
             for name, values in record.extras.items()
         },
@@ -64,25 +64,25 @@ def arrange(
     if isinstance(record, Landmarks) and record.confidence is not None:
         changes["confidence"] = _take_padded(record.confidence, rows)
     if record.lines is not None:
-        changes["edges"] = _move_edges(record.lines, position)
+        changes["edges"] = _move_edges(record.lines, new_index)
     if isinstance(record, Shapes) and record.mirror_index is not None:
         partners = record.mirror_index[rows]
-        changes["mirror_index"] = position.take(partners, mode="clip")
+        changes["mirror_index"] = new_index.take(partners, mode="clip")
     return record.replaced(**changes)
 
 
-def _goes_with(record: Items, name: str, values: Array) -> bool:
-    """Whether a column is one of OF_LANDMARKS, with a value for each landmark."""
+def _is_per_landmark(record: Items, name: str, values: Array) -> bool:
+    """Whether an extra column is known to have a value per item and landmark (n, p)."""
     shape = (len(record), len(record.landmark_names))
-    return name in OF_LANDMARKS and values.shape[:2] == shape
+    return name in PER_LANDMARK and values.shape[:2] == shape
 
 
 def _take_padded(values: NDArray[Scalar], columns: NDArray[np.intp]) -> NDArray[Scalar]:
-    """Return some columns of values (n, p); p, one beyond the last, gives zeros."""
+    """Return values (n, p) at `columns` from 0 to p, where column p is all zeros."""
     return np.pad(values, [(0, 0), (0, 1)])[:, columns]
 
 
-def _move_edges(lines: Integers, position: NDArray[np.intp]) -> Integers:
-    """Return the edges between landmarks that stay, at their new positions."""
-    moved = position[lines]
+def _move_edges(edges: Integers, new_index: NDArray[np.intp]) -> Integers:
+    """Renumber edges (e, 2) by `new_index`; drop those of removed landmarks (-1)."""
+    moved = new_index[edges]
     return moved[(moved >= 0).all(axis=1)]

@@ -30,7 +30,7 @@ OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
 def check_output(target: Path, instead: str = "give the name of a file in it") -> Path:
-    """Return the file that writing to `target` would replace, links followed.
+    """Check that `target` can be written, and return its path with links followed.
 
     Writes nothing. Raises InputError where its folder can be neither written to nor
     made, or `target` is a folder (`instead` says what to do then) or a device. `-` is
@@ -62,19 +62,18 @@ def check_folder(folder: Path) -> None:
 
 @contextmanager
 def storage_errors(
-    target: Path, numbers: Container[int | None] | None = OF_THE_DISK
+    target: Path, errnos: Container[int | None] | None = OF_THE_DISK
 ) -> Iterator[None]:
-    """Turn OSErrors of these values of errno into InputErrors, by default the disk's.
+    """Turn OSErrors whose errno is in `errnos` into InputErrors at `target`.
 
-    They are at `target`. `numbers` = None stands for all of them; those of a temporary
-    always count.
+    With None every OSError is turned; so is every one about a temporary file.
     """
     try:
         yield
     except OSError as error:
         refused = error.errno in OF_PERMISSION
         temporary = PARTIAL in str(error.filename)
-        if not (numbers is None or temporary or error.errno in numbers):
+        if not (errnos is None or temporary or error.errno in errnos):
             raise
         fix = (
             OTHER_FOLDER
@@ -95,7 +94,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
     resolved = check_output(target)
     with (
         storage_errors(target),
-        _temporary(resolved.parent, resolved.suffix) as temporary,
+        _temporary_path(resolved.parent, resolved.suffix) as temporary,
     ):
         with storage_errors(target, None):
             temporary.touch(exist_ok=False)
@@ -117,7 +116,7 @@ def staged_files(folder: Path) -> Iterator[Path]:
     one.
     """
     around = folder if folder.is_dir() else folder.parent
-    with storage_errors(folder), _temporary(around, "") as staging:
+    with storage_errors(folder), _temporary_path(around, "") as staging:
         staging.mkdir()
         yield staging
         made = [
@@ -133,8 +132,8 @@ def staged_files(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
-    """Give an unused hidden name in a folder; what is there at the end is removed.
+def _temporary_path(folder: Path, suffix: str) -> Iterator[Path]:
+    """Give an unused hidden path in `folder`; remove the file or folder there on exit.
 
     The folder is made where there is none.
     """
@@ -149,12 +148,12 @@ def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
 
 
 def digests(paths: Iterable[Path]) -> dict[str, str]:
-    """Return the `digest` of each file by its path, a text that JSON can hold."""
+    """Return path -> SHA-256 of each file or folder, see `digest`; both are texts."""
     return {path_text(path): digest(path) for path in dict.fromkeys(paths)}
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; `stream` for `-` and pipes.
+    """Return the SHA-256 of a file or folder in hexadecimal, `stream` for a pipe or -.
 
     These cannot be read twice. That of a folder is the digest of the names and digests
     of its files, in their order, but for hidden ones, such as a result that is being
@@ -180,18 +179,18 @@ MAX_NAME_BYTES = 200
 
 
 def file_stem(item: str) -> PurePosixPath:
-    """Return the relative path, without suffix, that the files of an item get.
+    """Return a safe relative path, without suffix, for files that belong to an item.
 
     `/` divides folders. Other characters that a name cannot have are written %XX, as in
     URLs, and so are dots and spaces at its ends; an empty part is %. Of a part that is
     too long the rest is a number, found from the whole of it. No path leads out of its
     folder, and no two items have the same.
     """
-    return PurePosixPath(*map(_as_name, item.split("/")))
+    return PurePosixPath(*map(_as_file_name, item.split("/")))
 
 
-def _as_name(part: str) -> str:
-    """Return a part of an item's name as a file name that every system allows."""
+def _as_file_name(part: str) -> str:
+    """Escape and shorten a part of an item's name, so that every system allows it."""
     # `%` begins an escape; the others Windows does not allow
     allowed = [c.isprintable() and c not in '%<>:"|?*\\' for c in part]
     text = "".join(

@@ -25,26 +25,27 @@ CODE_BEYOND = 1.0
 CENTRED = 0.1
 """Share of coordinates below 0 from which on 0 is no side of the image."""
 
-Place = Callable[..., str]
+PlaceNamer = Callable[..., str]
 """Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
 
 
-def check_values(record: Items, place: Place, *, gaps: bool = False) -> None:
-    """Raise InputError for values of items that cannot be computed with.
+def check_values(record: Items, place: PlaceNamer, *, gaps: bool = False) -> None:
+    """Raise InputError where points, weights, edges or a mesh of a record are invalid.
 
-    With `gaps` a landmark of a shape may be unknown; in results it may always, as items
-    can have failed.
+    With `gaps` a landmark of a shape may be unknown (NaN); in results it may always, as
+    items can have failed.
     """
     names = record.landmark_names
     if isinstance(record, Landmarks):
         fix = "write NaN where the landmark is unseen"
         infinite = np.isinf(record.landmarks)
-        _refuse(place, "landmarks", record.landmarks, infinite, names, fix)
+        _refuse_points(place, "landmarks", record.landmarks, infinite, names, fix)
         weights = record.confidence
         if weights is not None:
+            weights = weights[..., None]
             bad = ~((weights >= 0) & (weights < np.inf))
             fix = "write 0 (hidden) or a positive number"
-            _refuse(place, "confidence", weights[..., None], bad[..., None], names, fix)
+            _refuse_points(place, "confidence", weights, bad, names, fix)
         return
     whole = isinstance(record, Shapes) and not gaps
     check_finite(place, "shapes", record.points, names, gaps=not whole)
@@ -55,27 +56,32 @@ def check_values(record: Items, place: Place, *, gaps: bool = False) -> None:
 
 
 def check_finite(
-    place: Place,
+    place: PlaceNamer,
     name: str,
     points: Floats,
     names: Sequence[str] = (),
     *,
     gaps: bool = False,
 ) -> None:
-    """Raise InputError where coordinates of points (n, p, d) cannot be computed with.
+    """Raise InputError where points (n, p, d) are infinite, too large, or NaN.
 
-    That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown
-    landmark; points without names of landmarks are vertices.
+    Too large is beyond MAX_COORDINATE. With `gaps` NaN is allowed, as an unknown
+    landmark; points without `names` of landmarks are vertices.
     """
     fix = f"write a finite number, at most {MAX_COORDINATE:g}, or leave the item out"
     bad = ~(np.abs(points) <= MAX_COORDINATE) & ~(gaps & np.isnan(points))
-    _refuse(place, name, points, bad, names, fix)
+    _refuse_points(place, name, points, bad, names, fix)
 
 
-def _refuse(
-    place: Place, name: str, points: Floats, bad: Flags, names: Sequence[str], fix: str
+def _refuse_points(
+    place: PlaceNamer,
+    name: str,
+    points: Floats,
+    bad: Flags,
+    names: Sequence[str],
+    fix: str,
 ) -> None:
-    """Raise InputError for points (n, p, d) of which a coordinate is `bad`."""
+    """Raise InputError that lists the points (n, p, d) with a `bad` coordinate."""
     wrong = np.argwhere(bad.any(axis=2))
     problems = []
     for row, point in wrong[:LIMIT].tolist():
@@ -87,26 +93,26 @@ def _refuse(
 
 
 def check_mesh(
-    place: Place,
-    p: int,
+    place: PlaceNamer,
+    landmark_count: int,
     edges: Integers | None,
     vertices: Floats | None,
     faces: Integers | None,
 ) -> None:
-    """Raise InputError for vertices that are no numbers, and indices out of range.
+    """Raise InputError for edges or faces out of range, and vertices not finite.
 
-    Edges index p landmarks; faces the vertices (n, q, 3).
+    Edges (e, 2) index landmarks; faces (f, 3) index the vertices (n, q, 3).
     """
     q = 0
     if vertices is not None:
         check_finite(place, "mesh_vertices", vertices)
         q = vertices.shape[1]
-    _check_indices(place, "edges", edges, p)
+    _check_indices(place, "edges", edges, landmark_count)
     _check_indices(place, "mesh_faces", faces, q)
 
 
 def _check_indices(
-    place: Place, name: str, indices: Integers | None, size: int
+    place: PlaceNamer, name: str, indices: Integers | None, size: int
 ) -> None:
     """Raise InputError where indices (m, i) are not from 0 to size - 1; None passes."""
     if indices is None:
@@ -139,7 +145,7 @@ def warn_of_zeros(points: Floats) -> tuple[str, ...]:
 
 
 def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, ...]:
-    """Return warnings of numbers such as -999 that stand for missing points (n, p, d).
+    """Return warnings where a code such as -999 may mark missing points (n, p, d).
 
     Such a code is all coordinates of a point, outside all others. Hidden points, of
     weight 0, do not count.
@@ -169,20 +175,21 @@ def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, .
     return tuple(warnings[:LIMIT])
 
 
-def input_problems(problems: Sequence[str], count: int | None = None) -> InputError:
-    """Return an InputError that lists at most ten problems, and counts the others.
+def input_problems(problems: Sequence[str], total: int | None = None) -> InputError:
+    """Return an InputError that lists the first ten problems, and counts the others.
 
-    `count` is how many there are in all, by default those given.
+    `total` is how many there are in all, by default `len(problems)`.
     """
     shown = list(problems[:LIMIT])
-    more = (len(problems) if count is None else count) - len(shown)
+    more = (len(problems) if total is None else total) - len(shown)
     return InputError([*shown, f"... and {more} more"] if more > 0 else shown)
 
 
-def place_in_memory(record: str) -> Place:
-    """Return a Place that names the datasets, and rows, of a record in memory."""
+def place_in_memory(record: str) -> PlaceNamer:
+    """Return a function that names fields of a record in messages: `record.name[3]`."""
 
     def place(name: str, row: int | None = None) -> str:
+        """Return the name of a field of the record, or of a row of the field."""
         where = record if name == record else f"{record}.{name}"
         return where if row is None else f"{where}[{row}]"
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import h5py
 
-from shapefit.io.inputs import ALWAYS_FITS, MAX_INFLATION, in_words
+from shapefit.io.inputs import ALWAYS_FITS, MAX_INFLATION, format_bytes
 
 DEFLATE = 1
 """Number of the filter of zlib."""
@@ -46,14 +46,14 @@ Chunk = tuple[int, ...]
 """The first row, column and so on of a chunk."""
 
 
-class Chunks:
-    """The chunks of a dataset that are to be looked at before HDF5 inflates them.
+class SuspectChunks:
+    """The chunks of a dataset that may inflate to more bytes than it declares.
 
     `fault` says what is wrong with all of them, "" for nothing.
     """
 
     def __init__(self, dataset: h5py.Dataset) -> None:
-        """Find the fault of a dataset, if any, and chunks that may hold too much."""
+        """Find suspect chunks by their stored sizes and filters; inflate nothing."""
         self._dataset = dataset
         self._suspects: dict[Chunk, int] = {}
         self._filters = _filters_of(dataset)
@@ -64,15 +64,15 @@ class Chunks:
         present = dataset.id.get_storage_size()
         self.bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
         if self.bytes > max(ALWAYS_FITS, MAX_INFLATION * present):
-            holds = f"the file holds {in_words(present)} of them"
-            self.fault = f"has chunks of {in_words(self.bytes)}, and {holds}"
+            holds = f"the file holds {format_bytes(present)} of them"
+            self.fault = f"has chunks of {format_bytes(self.bytes)}, and {holds}"
             return
         self.fault = _fault_of_filters(self._filters, math.prod(dataset.chunks))
         if {DEFLATE, LZF, SZIP} & self._filters.keys() and not self.fault:
-            dataset.id.chunk_iter(self._note)
+            dataset.id.chunk_iter(self._note_suspect)
 
-    def _note(self, chunk: h5py.h5d.StoreInfo) -> None:
-        """Note a chunk as a suspect where it may inflate to far more than declared."""
+    def _note_suspect(self, chunk: h5py.h5d.StoreInfo) -> None:
+        """Note a chunk as a suspect if it may inflate to far more than declared."""
         max_bytes = 0
         if DEFLATE in self._filters:
             max_bytes = chunk.size * DEFLATE_GROWTH
@@ -82,9 +82,9 @@ class Chunks:
             self._suspects[chunk.chunk_offset] = chunk.size
 
     def find_longer(self, start: int, stop: int) -> Chunk | None:
-        """Return a chunk with rows of start:stop that holds too much, None without one.
+        """Return a chunk of rows start:stop with more bytes than declared, or None.
 
-        That is more than it declares. Each is looked at once.
+        Each suspect is inflated, and counted, once.
         """
         if not self._suspects:
             return None
@@ -97,7 +97,7 @@ class Chunks:
         return None
 
     def _is_longer(self, chunk: Chunk) -> bool:
-        """Whether a chunk inflates to more bytes than its dataset declares."""
+        """Whether a chunk inflates to more bytes than its dataset declares for it."""
         if self._suspects[chunk] > SLACK * self.bytes + PIECE:
             return True
         _, data = self._dataset.id.read_direct_chunk(chunk)
@@ -125,14 +125,14 @@ def inflates_beyond(data: bytes, max_bytes: int) -> bool:
 
 
 class Filter(NamedTuple):
-    """A step by which chunks are stored: how often it is taken, and its parameters."""
+    """A filter of HDF5, as for compression: how often it is applied, its parameters."""
 
     times: int
     parameters: tuple[int, ...]
 
 
 def _filters_of(dataset: h5py.Dataset) -> dict[int, Filter]:
-    """Return the filters of a dataset by their numbers, in the order of writing."""
+    """Return HDF5's number -> filter of a dataset, in the order of writing."""
     properties = dataset.id.get_create_plist()
     filters: dict[int, Filter] = {}
     for place in range(properties.get_nfilters()):
@@ -142,15 +142,16 @@ def _filters_of(dataset: h5py.Dataset) -> dict[int, Filter]:
     return filters
 
 
-def _fault_of_filters(filters: dict[int, Filter], values: int) -> str:
-    """Return what is wrong with the filters of chunks, "" for nothing.
+def _fault_of_filters(filters: dict[int, Filter], chunk_values: int) -> str:
+    """Return a message where filters inflate to more than `chunk_values` values, or "".
 
-    values: how many a chunk holds.
+    They do by compressing twice, or by stating another number of values.
     """
     if sum(filters[n].times for n in {DEFLATE, LZF, SZIP} & filters.keys()) > 1:
         return "is compressed more than once"
     for number in {NBIT, SCALEOFFSET} & filters.keys():
         parameters = filters[number].parameters
-        if len(parameters) > 2 and parameters[2] != values:
-            return f"has chunks of {values:,} values that inflate to {parameters[2]:,}"
+        if len(parameters) > 2 and parameters[2] != chunk_values:
+            stated = f"{chunk_values:,} values that inflate to {parameters[2]:,}"
+            return f"has chunks of {stated}"
     return ""

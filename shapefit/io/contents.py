@@ -24,13 +24,15 @@ DIGEST_BLOCK_BYTES = 1 << 22
 DatasetRows = slice | tuple[()]
 
 DigestLine = Sequence[object]
-"""What the digest takes of a link, a group, a dataset or an attribute."""
+"""Kind, name, shape and so on of one link, group, dataset or attribute: a list of
+JSON.
+"""
 
 
 def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object]) -> str:
     """Return the SHA-256, in hexadecimal, of all that an open HDF5 file holds.
 
-    `read` gives rows of a dataset by its name. Raises what h5py and `read` raise.
+    `read(name, rows)` returns rows of a dataset. Raises what h5py and `read` raise.
     """
     links: list[tuple[str, int]] = []
     file.id.links.visit(
@@ -51,7 +53,7 @@ def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object])
 
 
 def digest_of_lines(lines: Iterable[DigestLine]) -> str:
-    """Return the digest of a file of which these are the lines, in any order."""
+    """Return the SHA-256, in hexadecimal, of lists as sorted lines of JSON."""
     text = "\n".join(sorted(map(json.dumps, lines)))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -59,14 +61,17 @@ def digest_of_lines(lines: Iterable[DigestLine]) -> str:
 def _describe_attributes(
     name: str, node: h5py.Group | h5py.Dataset
 ) -> Iterator[DigestLine]:
-    """Yield a line for each attribute of a node, but for the digest itself."""
+    """Describe each attribute of a node, but the stored digest, as a list to hash."""
     for key in node.attrs:
         if name != "/" or key != CONTENTS:
             yield describe_attribute(name, key, node.attrs[key])
 
 
 def describe_attribute(name: str, key: str, value: object) -> DigestLine:
-    """Return the line of an attribute of a node, as h5py gives it or takes it."""
+    """Describe attribute `key` of the node called `name` as a list to hash.
+
+    `value` is what h5py reads, or what is written by it.
+    """
     if isinstance(value, h5py.Empty):
         return ["attribute", name, key, "empty"]
     if isinstance(value, str):
@@ -74,20 +79,20 @@ def describe_attribute(name: str, key: str, value: object) -> DigestLine:
     values = np.asarray(value)
     digest = ValuesDigest()
     digest.add(values)
-    kind = kind_of_values(values.dtype)
+    kind = kind_of_dtype(values.dtype)
     return ["attribute", name, key, kind, list(values.shape), digest.hexdigest()]
 
 
 def _describe_dataset(
     dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
 ) -> DigestLine:
-    """Return the line of a dataset, which is read in blocks of rows.
+    """Describe a dataset as a list to hash; read its values in blocks of rows.
 
     Of one that is empty, or neither numbers nor texts, it says the kind and the type.
     """
     if dataset.shape is None:
         return ["dataset", name, "empty"]
-    kind = kind_of_values(dataset.dtype)
+    kind = kind_of_dtype(dataset.dtype)
     if kind == OTHER:  # which no result holds
         return ["dataset", name, kind, str(dataset.dtype)]
     digest = ValuesDigest()
@@ -99,12 +104,12 @@ def _describe_dataset(
 def describe_values(
     name: str, kind: str, shape: Sequence[int], digest: ValuesDigest
 ) -> DigestLine:
-    """Return the line of a dataset of numbers or texts."""
+    """Describe a dataset of numbers or texts as a list to hash."""
     return ["dataset", name, kind, list(shape), digest.hexdigest()]
 
 
 def _blocks_of(dataset: h5py.Dataset) -> Iterator[DatasetRows]:
-    """Yield the rows of a dataset in blocks of DIGEST_BLOCK_BYTES."""
+    """Yield slices that cover the rows of a dataset, DIGEST_BLOCK_BYTES each."""
     if not dataset.shape:
         yield ()
     elif dataset.size:
@@ -122,32 +127,32 @@ OTHER = "other"
 """Kind of values that are neither numbers nor texts."""
 
 
-def kind_of_values(dtype: np.dtype[np.generic]) -> str:
-    """Return the kind of values: `text`, `f8` and so on for numbers, or OTHER."""
+def kind_of_dtype(dtype: np.dtype[np.generic]) -> str:
+    """Return a name for the kind of a dtype: `text`, `f8` and so on, or OTHER."""
     if dtype.kind in "OSU":
         return "text"
     return f"{dtype.kind}{dtype.itemsize}" if dtype.kind in "biufc" else OTHER
 
 
 class ValuesDigest:
-    """The SHA-256 of values that come in blocks of rows, however many."""
+    """The SHA-256 of an array that comes in blocks of rows, of any size."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
     def add(self, block: NDArray[np.generic]) -> None:
-        """Take the next rows."""
-        self._hash.update(_digested_bytes(block))
+        """Add the next rows of the array."""
+        self._hash.update(_bytes_to_hash(block))
 
     def hexdigest(self) -> str:
-        """Return the digest of all rows so far, in hexadecimal."""
+        """Return the SHA-256 of all rows so far, in hexadecimal."""
         return self._hash.hexdigest()
 
 
-def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
-    """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
+def _bytes_to_hash(values: NDArray[np.generic]) -> bytes | memoryview:
+    """Return numbers as little-endian bytes; texts as their length, then UTF-8."""
     if values.dtype.kind == "S" and values.dtype.itemsize:
-        return _digested_texts(values.ravel())
+        return _text_bytes_to_hash(values.ravel())
     if values.dtype.kind in "OSU":
         texts = [
             text if isinstance(text, bytes) else str(text).encode("utf-8", "replace")
@@ -162,8 +167,8 @@ def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
     return plain.data
 
 
-def _digested_texts(texts: NDArray[np.generic]) -> bytes:
-    """Return texts (n,) of one width, each after its length, without what fills it up.
+def _text_bytes_to_hash(texts: NDArray[np.generic]) -> bytes:
+    """Return fixed-width byte strings (n,) as length and text each, without padding.
 
     Most texts of a result are such, and there are several for each image.
     """

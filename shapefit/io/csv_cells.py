@@ -42,7 +42,7 @@ WORD_BYTES = 8
 
 
 def open_table(path: Path, *, live: bool = False) -> tuple[list[str], Iterator[Cells]]:
-    """Open a table, and return its columns, and blocks of its rows as an iterator.
+    """Open a CSV table; return its column names, and an iterator over blocks of rows.
 
     It is a file, a pipe or standard input; empty rows are passed over. Where the header
     has spaces around its names, they are taken from the cells, too. With `live` a block
@@ -51,36 +51,36 @@ def open_table(path: Path, *, live: bool = False) -> tuple[list[str], Iterator[C
     """
     name = source_name(path)
     texts = _read_texts(path, live)
-    at_once = 1 if live else ROWS
+    max_rows = 1 if live else ROWS
     _, text = next(texts)
     first, _, rest = text.partition("\n")
-    _, header = next(read_rows([first], 1, name), (1, [""]))
+    _, header = next(parse_rows([first], 1, name), (1, [""]))
     columns = [column.strip() for column in header]
 
     spaced = columns != header
     rows = chain([(2, rest)], texts)
-    return columns, _divided(rows, columns, name, at_once, spaced=spaced)
+    return columns, _split_blocks(rows, columns, name, max_rows, spaced=spaced)
 
 
 class Cells:
     """The cells of some rows of a table, by column."""
 
     def __init__(self, lines: Integers, columns: Sequence[str]) -> None:
-        """Take the lines (n,) of the file in which rows begin, and the columns."""
+        """Take the line numbers (n,) where rows begin, and the names of columns."""
         self.lines = lines
         self.columns = columns
         self._texts: dict[str, tuple[Integers, Sequence[str]]] = {}
 
     def cell(self, column: str, row: int) -> str:
-        """Return one cell."""
+        """Return the text of one cell."""
         raise NotImplementedError
 
-    def listed(self, column: str) -> list[str]:
-        """Return the cells (n,) of a column."""
+    def column_texts(self, column: str) -> list[str]:
+        """Return the texts (n,) of all cells of a column."""
         return [self.cell(column, row) for row in range(len(self.lines))]
 
-    def part(self, rows: slice) -> ListedCells:
-        """Return the cells of some rows."""
+    def select_rows(self, rows: slice) -> ListedCells:
+        """Return the cells of these rows."""
         numbers = range(len(self.lines))[rows]
         columns = {
             column: [self.cell(column, row) for row in numbers]
@@ -89,43 +89,43 @@ class Cells:
         return ListedCells(self.lines[rows], columns)
 
     def numbers(self, column: str) -> tuple[Floats, Flags]:
-        """Return the numbers (n,) of a column, and which of its cells are none.
+        """Return the cells of a column as numbers (n,), and a mask of invalid cells.
 
         As `read_numbers` does.
         """
         raise NotImplementedError
 
-    def texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Return the number of the text of each cell (n,), and the texts.
+    def unique_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
+        """Return i (n,) and the unique texts of a column: cell j is texts[i[j]].
 
-        They are numbered as they come, from 0; once, as several ask for them.
+        Texts are in the order in which they first come. They are found once.
         """
         if column not in self._texts:
             self._texts[column] = self._number_texts(column)
         return self._texts[column]
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Return what `texts` does."""
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
         raise NotImplementedError
 
 
 class ListedCells(Cells):
-    """Cells in lists of texts."""
+    """Cells as a list of texts for each column."""
 
     def __init__(self, lines: Integers, columns: Mapping[str, Sequence[str]]) -> None:
         super().__init__(lines, [*columns])
         self._columns = columns
 
     def cell(self, column: str, row: int) -> str:
-        """Return one cell."""
+        """Return the text of one cell."""
         return self._columns[column][row]
 
     def numbers(self, column: str) -> tuple[Floats, Flags]:
-        """Return the numbers of a column, see Cells."""
+        """Return the cells of a column as numbers (n,), and a mask of invalid cells."""
         return read_numbers(self._columns[column])
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Return the texts of a column, see Cells."""
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
         cells = self._columns[column]
         number_of = {text: number for number, text in enumerate(dict.fromkeys(cells))}
         numbers = np.fromiter(map(number_of.__getitem__, cells), np.int64, len(cells))
@@ -133,32 +133,32 @@ class ListedCells(Cells):
 
 
 class SplitCells(Cells):
-    """Cells by their places in a text, which the core reads."""
+    """Cells by their offsets in a text, which the C++ core reads."""
 
     def __init__(
         self,
         lines: Integers,
         data: bytes,
         words: NDArray[np.uint64],
-        places: Mapping[str, tuple[Integers, Integers]],
+        offsets: Mapping[str, tuple[Integers, Integers]],
     ) -> None:
-        """Take the text, also as the core takes it, and where its cells are.
+        """Take a text as bytes and as words for the core, and offsets of its cells.
 
-        places: the first letters of the cells of each column, and the ends.
+        offsets: column -> where its cells start and end in the bytes.
         """
-        super().__init__(lines, [*places])
+        super().__init__(lines, [*offsets])
         self._data = data
         self._words = words
-        self._places = places
+        self._offsets = offsets
 
     def cell(self, column: str, row: int) -> str:
-        """Return one cell."""
-        starts, ends = self._places[column]
+        """Return the text of one cell."""
+        starts, ends = self._offsets[column]
         return self._data[starts[row] : ends[row]].decode()
 
     def numbers(self, column: str) -> tuple[Floats, Flags]:
-        """Return the numbers of a column, see Cells."""
-        starts, ends = self._places[column]
+        """Return the cells of a column as numbers (n,), and a mask of invalid cells."""
+        starts, ends = self._offsets[column]
         numbers = np.full(len(starts), np.nan)
         is_read = np.zeros(len(starts), bool)
         core.read_csv_numbers(
@@ -177,20 +177,20 @@ class SplitCells(Cells):
         return numbers, invalid
 
     def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
-        """Return the texts of a column, see Cells."""
-        starts, ends = self._places[column]
+        """Return indices (n,) and unique texts of a column, see `unique_texts`."""
+        starts, ends = self._offsets[column]
         numbers = np.empty(len(starts), np.int64)
         first = np.empty(len(starts), np.int64)
         count = core.number_csv_texts(
             letters=self._words, starts=starts, ends=ends, numbers=numbers, first=first
         )
         rows = first[:count]
-        places = zip(starts[rows].tolist(), ends[rows].tolist(), strict=True)
-        return numbers, [self._data[start:end].decode() for start, end in places]
+        offsets = zip(starts[rows].tolist(), ends[rows].tolist(), strict=True)
+        return numbers, [self._data[start:end].decode() for start, end in offsets]
 
 
 def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
-    """Yield an input in texts of whole lines, each after the number of its first line.
+    """Yield blocks of whole lines of an input: number of the first line, and the text.
 
     Raises InputError for a cell without end, and for what is not UTF-8.
     """
@@ -228,18 +228,19 @@ def _ends_with_cr(block: bytes) -> bool:
     return first >= 0 and not followed and not quoted and b"\n" not in block[:first]
 
 
-def _divided(
+def _split_blocks(
     texts: Iterator[tuple[int, str]],
     columns: Sequence[str],
     name: str,
-    at_once: int,
+    max_rows: int,
     *,
     spaced: bool,
 ) -> Iterator[Cells]:
-    """Yield the cells of texts, block by block; where `spaced` without spaces around.
+    """Split texts of whole lines, each after its line number, into blocks of cells.
 
-    From the first quote on, a block has `at_once` rows. Raises InputError for rows that
-    do not have a cell for each column, and for wrong quotes.
+    Where `spaced`, spaces around cells are removed. From the first quote on, a block
+    has `max_rows` rows. Raises InputError for rows that do not have a cell for each
+    column, and for wrong quotes.
     """
     width = len(columns)
     for line, text in texts:
@@ -248,8 +249,8 @@ def _divided(
             yield split
             continue
         following = (text for _, text in texts) if '"' in text else ()
-        rows = read_rows(chain([text], following), line, name)
-        while part := [*islice(rows, at_once)]:
+        rows = parse_rows(chain([text], following), line, name)
+        while part := [*islice(rows, max_rows)]:
             if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
                 end = f"cells for {width} columns; write one cell per column"
                 raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])
@@ -260,11 +261,12 @@ def _divided(
             yield ListedCells(lines, dict(zip(columns, listed, strict=True)))
 
 
-def split_cells(text: str, columns: Sequence[str], line: int) -> SplitCells | None:
-    """Return the cells of lines that have an unquoted one a column, None for others.
+def split_cells(
+    text: str, columns: Sequence[str], first_line: int
+) -> SplitCells | None:
+    """Split lines at commas; None if one has quotes, or not a cell for each column.
 
-    `line` is the number of the first. `read_rows` takes every text, and finds the same
-    cells.
+    `parse_rows` takes every text, and finds the same cells.
     """
     text = text.replace("\r\n", "\n") if "\r" in text else text
     if '"' in text or "\r" in text:
@@ -276,37 +278,38 @@ def split_cells(text: str, columns: Sequence[str], line: int) -> SplitCells | No
     # Where the first cell is empty, the whole row may be.
     if core.split_csv_lines(letters=words, starts=starts, ends=ends) < count:
         return None
-    places = dict(zip(columns, zip(starts, ends, strict=True), strict=True))
-    return SplitCells(np.arange(line, line + count), data, words, places)
+    offsets = dict(zip(columns, zip(starts, ends, strict=True), strict=True))
+    lines = np.arange(first_line, first_line + count)
+    return SplitCells(lines, data, words, offsets)
 
 
 def _as_words(data: bytes) -> NDArray[np.uint64]:
-    """Return a text as the core takes it: 8 letters a word, spaces after the end."""
+    """Return bytes of text as 64-bit words for the core, filled up by spaces."""
     size = -(-len(data) // WORD_BYTES) * WORD_BYTES
     return np.frombuffer(data.ljust(size), np.uint64)
 
 
-def read_rows(
-    texts: Iterable[str], line: int, name: str
+def parse_rows(
+    texts: Iterable[str], first_line: int, name: str
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and cells of each row that is not empty.
+    """Parse CSV; yield the line number and cells of each row that is not empty.
 
-    The texts begin with `line`. Raises InputError for wrong quotes.
+    Raises InputError for wrong quotes in the file called `name`.
     """
     lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
     reader = csv.reader(lines, strict=True)
-    start = line
+    line = first_line
     try:
         for row in reader:
             if any(row):
                 yield line, row
-            line = start + reader.line_num
+            line = first_line + reader.line_num
     except csv.Error as error:
         raise input_error(f"{name}:{line}", f"a bad cell ({error})", QUOTES) from error
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
-    """Return the numbers (n,) that cells hold, and which cells are no number at all.
+    """Convert cells to numbers (n,); return them and a mask of cells that are invalid.
 
     They are decimal, inf or nan. Spaces around them do not count; an empty cell, and
     what is no number, is NaN.

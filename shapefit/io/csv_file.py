@@ -27,7 +27,7 @@ from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.csv_cells import ROWS, Cells, open_table, read_numbers
-from shapefit.io.csv_rows import csv_cell, csv_rows
+from shapefit.io.csv_rows import csv_cell, format_rows
 from shapefit.io.inputs import (
     check_fits,
     is_stream,
@@ -77,7 +77,7 @@ Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
 
 
 def without_row_numbers(columns: Sequence[str]) -> Sequence[str]:
-    """Return the columns of a table but for the row numbers that pandas writes."""
+    """Return column names without the nameless first one, where pandas counts rows."""
     return columns[1:] if columns[:1] == [ROW_NUMBERS] else columns
 
 
@@ -88,7 +88,7 @@ def csv_kind(path: Path) -> str:
 
 
 def read_csv(path: Path, kind: str) -> Items | Spool:
-    """Read a tidy table of ours as records, or as a Spool of many landmarks.
+    """Read a tidy CSV table as one record, or as a Spool on disk if it is large.
 
     Its columns are `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
     `[,sequence][,frame][,time]`. A landmark that has no row or lacks a coordinate is
@@ -101,16 +101,16 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     table = Table(path, kind)
     spool = Spool()
     for cells in table.blocks:
-        table.take(cells)
+        table.add(cells)
         if table.size <= MAX_IN_MEMORY:
             continue
         if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
         else:
             check_fits(table.name, table.size * ROW_BYTES)
-    rest = table.records()
+    rest = table.to_record()
     if not len(spool):
-        return _in_time(rest, table.numbered, table.name)
+        return _sort_by_frame(rest, table.numbered, table.name)
     spool.append(rest)
     together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)
     if together and spool.in_order:
@@ -125,47 +125,47 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     return _read_unordered(path, kind)
 
 
-def _in_time(records: Items, numbered: bool, name: str) -> Items:
-    """Return records in order of their frames, with the frame rate of their times.
+def _sort_by_frame(record: Items, numbered: bool, name: str) -> Items:
+    """Sort items by sequence and frame, and set the frame rate found from their times.
 
-    Those that are not `numbered`, whose column of frames is empty, are without frames.
+    Items that are not `numbered`, whose column of frames is empty, lose their frames.
     Raises InputError where a sequence has two items in one frame.
     """
-    if not numbered and len(records):
-        records = replace(records, frames=None)
-    check_frames(records.sequences, records.frames, records.items, name)
-    order = order_by_frame(records.sequences, records.frames)
+    if not numbered and len(record):
+        record = replace(record, frames=None)
+    check_frames(record.sequences, record.frames, record.items, name)
+    order = order_by_frame(record.sequences, record.frames)
     if order is not None:
-        records = records.take(order)
-    rate = find_rate(records.frames, records.times)
-    return records if rate == records.frame_rate else replace(records, frame_rate=rate)
+        record = record.take(order)
+    rate = find_rate(record.frames, record.times)
+    return record if rate == record.frame_rate else replace(record, frame_rate=rate)
 
 
 def _read_unordered(path: Path, kind: str) -> Items:
-    """Read a large table of items or frames out of order once more, into memory.
+    """Read a large table, in any order of rows, into memory; sort items by frame.
 
     Rows of an item do not stand together, as pandas' `melt` leaves them, or frames are
     not in order. Raises InputError where memory is too little.
     """
     table = Table(path, kind)
     for cells in table.blocks:
-        table.take(cells)
+        table.add(cells)
         check_fits(table.name, table.size * ROW_BYTES)
-    return _in_time(table.records(), table.numbered, table.name)
+    return _sort_by_frame(table.to_record(), table.numbered, table.name)
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
-    """Read the first rows of a table, and return them with their share of all rows."""
+    """Read the first rows of a table; return them, and their share of the file."""
     table, share = Table(path, kind), 1.0
     for cells in table.blocks:
-        table.take(cells)
+        table.add(cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
             text = read_head(path, 1 << 20)
             share = min(
                 table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
             )
             break
-    return _in_time(table.records(), table.numbered, table.name), share
+    return _sort_by_frame(table.to_record(), table.numbered, table.name), share
 
 
 class Table:
@@ -175,9 +175,10 @@ class Table:
     """
 
     def __init__(self, path: Path, kind: str, *, live: bool = False) -> None:
-        """Open a table; InputError for columns unknown, there twice, or missing.
+        """Open a table of records of `kind`, and check the names of its columns.
 
-        With `live` it is standard input, whose rows are taken as they come.
+        With `live` it is standard input, whose rows are taken as they come. Raises
+        InputError for columns unknown, there twice, or missing.
         """
         self.name, self._kind = source_name(path), kind
         columns, self.blocks = open_table(path, live=live)
@@ -201,20 +202,20 @@ class Table:
         self._of_items: dict[str, dict[str, str]] = {
             column: {} for column in OF_ITEMS if column in columns
         }
-        self._items = _numbering()
-        self._landmarks = _numbering()
+        self._items = _make_numbering()
+        self._landmarks = _make_numbering()
         self._parts: list[tuple[Any, ...]] = []
         self._last = 0
         self.size = 0
         self.in_order = True
         self.numbered = False
 
-    def take(self, cells: Cells) -> None:
-        """Add rows, given by their cells; raises InputError for wrong ones."""
+    def add(self, cells: Cells) -> None:
+        """Add the rows of these cells; raises InputError for wrong cells."""
         faults = _Faults(self.name, cells)
-        item = self._take_names("item", self._items, cells, faults)
-        landmark = self._take_names("landmark", self._landmarks, cells, faults)
-        self._take_columns_of_items(cells, faults)
+        item = self._number_names("item", self._items, cells, faults)
+        landmark = self._number_names("landmark", self._landmarks, cells, faults)
+        self._add_item_columns(cells, faults)
         points = []
         for axis in self._axes:
             values, invalid = cells.numbers(axis)
@@ -239,35 +240,38 @@ class Table:
         lines = cells.lines.astype(np.int32)
         self._parts.append((lines, item, landmark, *points, confidence))
 
-    def _take_names(
+    def _number_names(
         self,
         column: str,
         numbering: defaultdict[str, int],
         cells: Cells,
         faults: _Faults,
     ) -> NDArray[np.int32]:
-        """Return the number of each name in a column (n,); note those that are empty.
+        """Return the number (n,) of each row's name; note empty names as faults.
 
-        New names are numbered as they come.
+        New names get the next numbers.
         """
-        texts_of_rows, texts = cells.texts(column)
+        texts_of_rows, texts = cells.unique_texts(column)
         if "" in texts:
             empty = texts_of_rows == texts.index("")
             faults.note(column, empty, f"name the {column}")
         numbers = np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
         return numbers[texts_of_rows]
 
-    def _take_columns_of_items(self, cells: Cells, faults: _Faults) -> None:
-        """Store what rows of an item share: sequence, frame, time; note wrong cells."""
+    def _add_item_columns(self, cells: Cells, faults: _Faults) -> None:
+        """Store the sequence, frame and time of each item; note wrong cells as faults.
+
+        All rows of an item must have the same.
+        """
         for column, of_item in self._of_items.items():
             fix = f"give all rows of an item one {column}"
-            faults.note(column, _differ_in_items(cells, column, of_item), fix)
+            faults.note(column, _differ_from_item(cells, column, of_item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
             whole = (np.abs(numbers) < MAX_FRAME) & (numbers % 1 == 0)
-            self.numbered = self.numbered or any(cells.texts(FRAME)[1])
+            self.numbered = self.numbered or any(cells.unique_texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
-                texts_of_rows, texts = cells.texts("sequence")
+                texts_of_rows, texts = cells.unique_texts("sequence")
                 single = np.array([not text for text in texts], bool)
                 whole |= single[texts_of_rows] & np.isnan(numbers)
             faults.note(FRAME, invalid | ~whole, "write a whole number")
@@ -276,8 +280,8 @@ class Table:
             wrong = invalid | np.isinf(seconds)
             faults.note(TIME, wrong, f"{FINITE_OR_EMPTY} (seconds)")
 
-    def records(self) -> Items:
-        """Return the rows so far as one record of the table's kind.
+    def to_record(self) -> Items:
+        """Return all rows added so far as one record of the table's kind.
 
         Raises InputError for double rows, and where memory is too little.
         """
@@ -316,7 +320,7 @@ class Table:
         return Landmarks(points, confidence=confidence, **of_items)
 
     def _planes(self) -> Floats:
-        """Return coordinates and confidence (d + 1, n p) of the rows so far.
+        """Return coordinates and confidence (d + 1, n p) of all items and landmarks.
 
         NaN for landmarks that an item lacks. Raises InputError for double rows.
         """
@@ -350,10 +354,10 @@ class Table:
         return planes
 
     def pop_all(self) -> Items:
-        """Remove and return all items; their landmarks stay those of the table."""
-        images = self.records()
+        """Remove all items, and return them as a record; keep the landmark names."""
+        images = self.to_record()
         self._parts = []
-        self._items = _numbering()
+        self._items = _make_numbering()
         self._of_items = {column: {} for column in self._of_items}
         self.size = 0
         self._last = 0
@@ -361,7 +365,7 @@ class Table:
 
     def pop_complete(self) -> Items:
         """Remove and return all items but the last, of which more rows may come."""
-        images = self.records()
+        images = self.to_record()
         last = len(images) - 1
         item, (lines, items, *values) = images.items[last], self._parts[0]
         rows = np.flatnonzero(items == last)
@@ -371,7 +375,7 @@ class Table:
             *(column[rows] for column in values),
         )
         self._parts = [remaining]
-        self._items = _numbering(item)
+        self._items = _make_numbering(item)
         self.size = len(rows)
         self._last = 0
         for column, of_item in self._of_items.items():
@@ -380,16 +384,19 @@ class Table:
 
 
 class _Faults:
-    """What is wrong with cells of some rows, by row."""
+    """Collects messages about wrong cells of a block of rows."""
 
     def __init__(self, name: str, cells: Cells) -> None:
-        """Take a file's name, and the cells of rows; nothing is noted yet."""
+        """Take a file's name, for messages, and the cells of a block of rows."""
         self._name = name
         self._cells = cells
         self._problems: list[tuple[int, str]] = []
 
     def note(self, column: str, wrong: Flags, fix: str) -> None:
-        """Note the rows (n,) whose cell in a column is wrong, and what to write."""
+        """Add a message on the column's cell in each row where `wrong` (n,) is True.
+
+        `fix` says what to write there.
+        """
         for row in np.flatnonzero(wrong).tolist():
             cell = self._cells.cell(column, row)
             fault = f"is '{cell}'" if cell else "is empty"
@@ -397,27 +404,24 @@ class _Faults:
             self._problems.append((row, f"{place}: {column} {fault}; {fix}"))
 
     def check(self) -> None:
-        """Raise InputError, row by row, where anything was noted."""
+        """Raise InputError with all messages in order of rows, if there are any."""
         if self._problems:
             ordered = sorted(self._problems, key=lambda problem: problem[0])
             raise input_problems([text for _, text in ordered])
 
 
-def _numbering(*texts: str) -> defaultdict[str, int]:
-    """Return a dictionary that gives the next number to each new text.
-
-    `texts` are numbered first, from 0.
-    """
+def _make_numbering(*texts: str) -> defaultdict[str, int]:
+    """Return a dict that numbers texts from 0: these `texts`, then each new key."""
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
 
 
-def _differ_in_items(cells: Cells, column: str, of_item: dict[str, str]) -> Flags:
-    """Return the rows (n,) whose cell is another than that of their item.
+def _differ_from_item(cells: Cells, column: str, of_item: dict[str, str]) -> Flags:
+    """Return a mask (n,) of rows whose cell is not the first cell of their item.
 
-    `of_item` has the cell of each item so far, and gets those of new ones.
+    `of_item` has the first cell of each item so far, and gets those of new items.
     """
-    items_of_rows, items = cells.texts("item")
-    texts_of_rows, texts = cells.texts(column)
+    items_of_rows, items = cells.unique_texts("item")
+    texts_of_rows, texts = cells.unique_texts(column)
     differ = np.zeros(len(items_of_rows), bool)
     is_new = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
     for rows in split_runs(is_new, len(items_of_rows)):
@@ -428,7 +432,7 @@ def _differ_in_items(cells: Cells, column: str, of_item: dict[str, str]) -> Flag
 
 
 class Spool:
-    """Images of a large table in a temporary file, in parts; the last read is kept."""
+    """Images of a large table in a temporary file, in parts; one part is cached."""
 
     def __init__(self) -> None:
         self._names: Sequence[str] = ()
@@ -437,13 +441,13 @@ class Spool:
         self.hashes: list[NDArray[np.int64]] = []
         self._last_frame: dict[str, int] = {}
         self.in_order = True
-        self._part = lru_cache(1)(self._read)
+        self._part = lru_cache(1)(self._read_part)
 
     def __len__(self) -> int:
         return self._starts[-1]
 
     def append(self, images: Items) -> None:
-        """Write images after those that are there."""
+        """Append images to the temporary file, as its next part."""
         self._names = images.landmark_names
         self._offsets.append(self._file.seek(0, SEEK_END))
         self._starts.append(len(self) + len(images))
@@ -458,7 +462,7 @@ class Spool:
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
 
     def take(self, rows: slice) -> Items:
-        """Return the images of these rows."""
+        """Return the images `rows`, counted over all parts, as one record."""
         parts = []
         for number, start in enumerate(self._starts[:-1]):
             inner = slice(max(rows.start - start, 0), rows.stop - start)
@@ -468,8 +472,8 @@ class Spool:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
-    def _read(self, number: int) -> Items:
-        """Read the images of a part; landmarks that came later are unseen in it."""
+    def _read_part(self, number: int) -> Items:
+        """Read the images of a part; landmarks of later parts alone are unseen."""
         self._file.seek(self._offsets[number])
         images: Items = pickle.load(self._file)
         return arrange(images, self._names)
@@ -477,7 +481,7 @@ class Spool:
 
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
-    """Give a CsvWriter to a file that appears on a clean exit; to stdout for `-`."""
+    """Give a CsvWriter to `target`, which appears on a clean exit; `-` is stdout."""
     with ExitStack() as stack:
         file: IO[bytes]
         if is_stream(target):
@@ -485,17 +489,18 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
                 raise input_error(
                     "standard output", "is closed", "name a file to write instead"
                 )
-            file, place, numbers = (
+            file, place, errnos = (
                 sys.stdout.buffer,
                 Path("standard output"),
                 OF_THE_DISK,
             )
         else:
             path = stack.enter_context(atomic_path(target))
-            file, place, numbers = stack.enter_context(path.open("wb")), target, None
+            file, place, errnos = stack.enter_context(path.open("wb")), target, None
 
         def write(data: bytes | memoryview) -> None:
-            with storage_errors(place, numbers):
+            """Write bytes to the file at once; InputError where that fails."""
+            with storage_errors(place, errnos):
                 file.write(data)
                 file.flush()
 
@@ -523,7 +528,7 @@ class CsvWriter(RecordWriter[Items]):
 
         Raises ValueError where the columns are not those of the first record.
         """
-        numbers, texts = _columns(record)
+        numbers, texts = _csv_columns(record)
         header = ",".join(["item", "landmark", *numbers, *texts]).encode()
         if not self.begun:
             self.begun, self._header = True, header
@@ -534,13 +539,13 @@ class CsvWriter(RecordWriter[Items]):
             self.summary = Summary(warnings=(Y_UP,))
         items = max(1, ROWS // max(1, len(record.landmark_names)))
         for start in range(0, len(record), items):
-            self._write(_lines(record.take(slice(start, start + items))))
+            self._write(_csv_lines(record.take(slice(start, start + items))))
 
 
-def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns of a CSV beside item and landmark, by name, in their order.
+def _csv_columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
+    """Return a record's CSV columns of numbers (n, p) and of texts (n,), by name.
 
-    Those of numbers (n, p), of each landmark, and those of texts (n,), of each item.
+    Those are of each landmark and of each item, beside `item` and `landmark`.
     """
     d = record.points.shape[2]
     numbers = {"xyz"[axis]: record.points[..., axis] for axis in range(d)}
@@ -563,18 +568,18 @@ def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]
     return numbers, texts
 
 
-def _lines(record: Items) -> memoryview:
-    """Return the rows of CSV of a record, without a header, as bytes."""
+def _csv_lines(record: Items) -> memoryview:
+    """Format a record as rows of CSV, a row for each landmark, without a header."""
     n = len(record)
     p = len(record.landmark_names)
-    numbers, texts = _columns(record)
+    numbers, texts = _csv_columns(record)
     item, landmark = np.divmod(np.arange(n * p), max(p, 1))
-    numbers_of = [
+    text_indices = [
         item,
         landmark + n,
         *(item + n * k + p for k in range(1, len(texts) + 1)),
     ]
     values = np.stack([*numbers.values()], axis=-1).reshape(n * p, len(numbers))
     shown = chain(record.items, record.landmark_names, *texts.values())
-    cells = np.column_stack(numbers_of)
-    return csv_rows([*map(csv_cell, shown)], cells, values, leading=2)
+    text_of_cell = np.column_stack(text_indices)
+    return format_rows([*map(csv_cell, shown)], text_of_cell, values, leading=2)

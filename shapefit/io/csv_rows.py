@@ -18,30 +18,31 @@ QUOTED = re.compile(r'[,"\r\n]')
 """What a cell has in quotes alone."""
 
 
-def csv_rows(
+def format_rows(
     texts: Sequence[bytes],
-    cells: Indices,
+    text_of_cell: Indices,
     numbers: Floats,
     leading: int,
     *,
     as_python: bool = False,
 ) -> memoryview:
-    """Return n rows of CSV in bytes: texts, then numbers, then texts.
+    """Format n rows of CSV: `leading` cells of text, the numbers (n, d), other texts.
 
-    cells (n, c) says which text stands in each cell, as it stands there; the first
-    `leading` of a row are before its numbers (n, d), which have the fewest digits that
-    read back to the same float, as JSON or as Python writes them. nan is an empty cell.
+    text_of_cell (n, c) are indices into `texts`, which are cells as they are written.
+    Numbers have the fewest digits that read back to the same float, as JSON or as
+    Python writes them. nan is an empty cell.
     """
     lengths = np.array([*map(len, texts)], np.int64)
     starts = np.concatenate([[0], np.cumsum(lengths)])
     letters = b"".join(texts)
     whole_words = len(letters) // WORD_BYTES * WORD_BYTES + WORD_BYTES
-    capacity = int(lengths[cells].sum()) + cells.size + NUMBER_CHARACTERS * numbers.size
+    text_bytes = int(lengths[text_of_cell].sum()) + text_of_cell.size
+    capacity = text_bytes + NUMBER_CHARACTERS * numbers.size
     rows = np.empty(capacity // WORD_BYTES + 1, np.uint64)
     size = core.write_csv_rows(
         letters=np.frombuffer(letters.ljust(whole_words), np.uint64),
         starts=starts,
-        texts=cells,
+        texts=text_of_cell,
         numbers=numbers,
         leading=leading,
         as_python=as_python,
@@ -51,7 +52,7 @@ def csv_rows(
 
 
 def csv_cell(text: str) -> bytes:
-    """Return a text as a cell of CSV in UTF-8, in quotes where it needs them."""
+    """Encode a text as a CSV cell in UTF-8, in quotes where it needs them."""
     if not text or QUOTED.search(text):
         text = '"{}"'.format(text.replace('"', '""'))
     return text.encode()

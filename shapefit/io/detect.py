@@ -18,7 +18,7 @@ from shapefit.io.formats import (
     OURS,
     FileFormat,
     Head,
-    named_format,
+    find_format,
     our_format,
 )
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
@@ -37,7 +37,7 @@ from shapefit.io.readers import (
     trackers,
 )
 from shapefit.io.readers.text import read_json
-from shapefit.io.unread import describe_json, name_unread
+from shapefit.io.unread import describe_json, unread_error
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -47,14 +47,14 @@ CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNOR
 
 
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format of a file or folder, by what it begins with.
+    """Return the format of a file or folder, by its content or by the format's `name`.
 
-    Text of no known kind is CSV, and so are standard input and pipes. With another
-    `name` than auto it is that format. Raises InputError as `require_file` does, for
-    unknown names, and for files that are something else.
+    With `auto` it is recognised: text of no known kind is CSV, and so are standard
+    input and pipes. Raises InputError as `require_file` does, for unknown names, and
+    for files that are something else.
     """
     if name != "auto" and not is_stream(path):
-        chosen = named_format(name, FORMATS)
+        chosen = find_format(name, FORMATS)
         if path.is_dir() and not chosen.together:
             fix = f"name the files in it: '{path}/*{chosen.suffixes[0]}'"
             raise input_error(
@@ -74,18 +74,18 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     for one in FORMATS.values():
         if one.recognise(head):
             return one
-    unread = name_unread(path, head)
+    unread = unread_error(path, head)
     if unread is not None:
         raise unread
     if head.bytes.startswith(HDF5_SIGNATURE):
         return HDF5
-    if head.named(*HDF5.suffixes):
+    if head.has_suffix(*HDF5.suffixes):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
     if CALIBRATION.search(head.text):
         fault = "is a calibration of cameras, not landmarks"
         raise input_error(path, fault, "give it as --calibration")
-    if head.named(".yaml", ".yml"):
+    if head.has_suffix(".yaml", ".yml"):
         fix = "give the landmarks; a config is given as -c"
         raise input_error(path, "is a YAML file, not landmarks", fix)
     if CONTROL & {*head.bytes} and not head.bytes.startswith(
@@ -98,7 +98,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
         raise input_error(path, "is neither text nor of a known format", fix)
     if head.may_be_json:
         read_json(path)  # names the line of damage
-        raise _unknown_json(path, head)
+        raise _unknown_json_error(path, head)
     return CSV
 
 
@@ -133,12 +133,12 @@ def _format_of_empty_label(path: Path) -> FileFormat | None:
     if not named or not path.is_file() or path.stat().st_size:
         return None
     folder = path.parent
-    return yolo if _has_labels(folder, folder.stat().st_mtime_ns) else None
+    return yolo if _has_yolo_labels(folder, folder.stat().st_mtime_ns) else None
 
 
 @lru_cache(maxsize=16)
-def _has_labels(folder: Path, _changed: int) -> bool:
-    """Whether a folder has labels of YOLO; asked once for its many empty files."""
+def _has_yolo_labels(folder: Path, _mtime_ns: int) -> bool:
+    """Whether a folder has label files of YOLO; cached until the folder changes."""
     try:
         return _detect_folder(folder) is FORMATS["ultralytics-txt"]
     except InputError:
@@ -148,7 +148,7 @@ def _has_labels(folder: Path, _changed: int) -> bool:
 def group_inputs(
     paths: Sequence[Path], options: InputOptions
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return inputs with their formats, in order; files of one recording together."""
+    """Group input paths, one recording a group; return each group after its format."""
     groups: dict[tuple[str, Path], tuple[FileFormat, list[Path]]] = {}
     for path in paths:
         one = detect_format(path, options.format)
@@ -378,8 +378,8 @@ FORMATS: dict[str, FileFormat] = {
 """Those of the package come first; the others are asked in this order."""
 
 
-def _unknown_json(path: Path, head: Head) -> InputError:
-    """Return the error for JSON of no known kind: its keys, and the nearest kinds."""
+def _unknown_json_error(path: Path, head: Head) -> InputError:
+    """Return the InputError for JSON of no known format: its keys, similar formats."""
     near = [
         f"{one.title} has {listed(one.json_keys, 'and')}"
         for one in FORMATS.values()

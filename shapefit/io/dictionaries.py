@@ -13,8 +13,8 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import are_coincident
-from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
-from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
+from shapefit.io.checks import PlaceNamer, check_finite, check_mesh, place_in_memory
+from shapefit.io.formats import HDF5, check_our_format, our_format, record_writer
 from shapefit.io.layout import DICTIONARY, UNKNOWN_UNIT
 from shapefit.records.shapes import Shapes
 
@@ -37,13 +37,13 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     if our_format(path) is not HDF5:
         from shapefit.io.detect import detect_format
 
-        check_holds(path, DICTIONARY.kind, detect_format(path))
+        check_our_format(path, DICTIONARY.kind, detect_format(path))
     from shapefit.io.hdf5_file import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
         fields = reader.dictionary_fields()
         check_dictionary(fields, reader.place)
-        fields["prior"] = _take_prior(fields, reader.place)
+        fields["prior"] = _pop_prior(fields, reader.place)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
@@ -82,8 +82,8 @@ def atoms_of(dictionary: Dictionary) -> Shapes:
     )
 
 
-def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
-    """Raise InputError for the fields of a dictionary with which no fit is possible."""
+def check_dictionary(fields: Mapping[str, Any], place: PlaceNamer) -> None:
+    """Raise InputError where a dictionary's fields are empty, invalid or not finite."""
     atoms, mean, names = fields["atoms"], fields["mean_shape"], fields["landmark_names"]
     if atoms.size == 0:
         fault = f"has the shape {atoms.swapaxes(-1, -2).shape}"
@@ -111,12 +111,12 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
                 place("mirror_index", None), "does not pair the landmarks", AGAIN
             )
     C = fields.get("edge_covariance")
-    if C is not None and C.size and not _is_covariance(C):
+    if C is not None and C.size and not _are_covariances(C):
         raise input_error(place("edge_covariance", None), "is no covariance", AGAIN)
 
 
-def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
-    """Remove the parts of the prior from the fields, and return it; None without one.
+def _pop_prior(fields: dict[str, Any], place: PlaceNamer) -> Mixture | None:
+    """Remove the datasets of the prior from `fields`; return its mixture, or None.
 
     Raises InputError where they are no mixture.
     """
@@ -127,12 +127,16 @@ def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     if not any(part is None for part in parts):
         mixture = Mixture.of_landmarks(weights, means, covariances)
         shares = (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
-        if shares and np.isfinite(means).all() and _is_covariance(mixture.covariances):
+        if (
+            shares
+            and np.isfinite(means).all()
+            and _are_covariances(mixture.covariances)
+        ):
             return mixture
     raise input_error(place(PRIOR_DATASETS[0], None), fault, AGAIN)
 
 
-def _is_covariance(C: Floats) -> bool:
+def _are_covariances(C: Floats) -> bool:
     """Whether matrices (..., e, e) are symmetric and positive definite."""
     if not (
         np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)
@@ -145,8 +149,8 @@ def _is_covariance(C: Floats) -> bool:
     return True
 
 
-def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
-    """Raise InputError for a dictionary in memory with which no fit is possible.
+def check_dictionary_in_memory(dictionary: Dictionary, name: str) -> None:
+    """Raise InputError where a dictionary in memory is empty, invalid or not finite.
 
     `name` stands for it in messages. Its prior is not checked.
     """

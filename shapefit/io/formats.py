@@ -56,7 +56,7 @@ class Head:
     """
 
     def __init__(self, path: Path) -> None:
-        """Read the first bytes of a file, unpacked; InputError where that cannot be."""
+        """Read the first bytes of a file, gunzipped; InputError if it is unreadable."""
         self.path, self.bytes = path, read_head(path, HEAD_BYTES)
         if self.bytes.startswith(GZIP_SIGNATURE):
             with suppress(zlib.error):
@@ -75,16 +75,16 @@ class Head:
         self.columns = tuple(cell.strip(' "\t') for cell in cells)
         self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
 
-    def named(self, *endings: str) -> bool:
-        """Whether the name, without .gz and in any case, has one of these endings."""
-        return self.path.name.lower().removesuffix(".gz").endswith(endings)
+    def has_suffix(self, *suffixes: str) -> bool:
+        """Whether the file's name, without .gz, ends in one of these, in any case."""
+        return self.path.name.lower().removesuffix(".gz").endswith(suffixes)
 
     @cached_property
     def hdf5(self) -> frozenset[str]:
-        """The names in the root of an HDF5 file, and one level below; else empty.
+        """The names of an HDF5 file's nodes and attributes, at the root and one below.
 
         `@name` is an attribute of the root, `group/name` and `group@name` are below. Of
-        files of ours it is MARK alone; it is empty for damaged ones, too.
+        files of ours it is MARK alone; of damaged and of other files nothing.
         """
         if not self.bytes.startswith(HDF5_SIGNATURE):
             return frozenset()
@@ -129,7 +129,7 @@ class Head:
 
     @cached_property
     def inner_keys(self) -> frozenset[str]:
-        """The keys of the first objects in JSON, some levels deep."""
+        """The keys of the first objects in JSON, at up to MAX_LEVELS of nesting."""
         found: set[str] = set()
         level: list[object] = [self.json]
         for _ in range(MAX_LEVELS):
@@ -171,16 +171,16 @@ class FileFormat(NamedTuple):
 
 
 def _open_output(
-    name: str, target: Path, form: Layout, options: OutputOptions
+    name: str, target: Path, layout: Layout, options: OutputOptions
 ) -> Output:
-    """Return a context manager that gives a writer of the format of this name.
+    """Return a context manager of a writer to `target`, in the format called `name`.
 
     Only the module of that format is imported.
     """
     if name == "hdf5":
         from shapefit.io.hdf5_output import hdf5_output
 
-        return hdf5_output(target, form)
+        return hdf5_output(target, layout)
     if name == "csv":
         from shapefit.io.csv_file import csv_output
 
@@ -237,8 +237,8 @@ INDIVIDUALS = frozenset(
 """
 
 
-def _is_csv(head: Head) -> bool:
-    """Whether a file has the columns of our CSV, and no other.
+def _is_our_csv(head: Head) -> bool:
+    """Whether a file has the columns of shapefit's own tidy CSV, and no others.
 
     Tables with others are read as those of other tools.
     """
@@ -261,7 +261,9 @@ CSV = FileFormat(
     "a CSV file",
     (".csv",),
     ITEMS,
-    lambda head: not head.is_utf16 and not head.named(*HDF5.suffixes) and _is_csv(head),
+    lambda head: (
+        not head.is_utf16 and not head.has_suffix(*HDF5.suffixes) and _is_our_csv(head)
+    ),
     write=partial(_open_output, "csv"),
     states_y_axis=False,
 )
@@ -296,7 +298,7 @@ keeps 8 decimals, PLY and GLB single precision.
 
 
 def our_format(path: Path) -> FileFormat | None:
-    """Return HDF5 or CSV for a file that is ours, CSV for `-`, None for others."""
+    """Return HDF5 or CSV if a file is in a format of shapefit (`-` is CSV), or None."""
     if is_stream(path):
         return CSV
     if not path.is_file() or not os.access(path, os.R_OK):  # `require_file` says so
@@ -305,18 +307,18 @@ def our_format(path: Path) -> FileFormat | None:
     return next((row for row in OURS.values() if row.recognise(head)), None)
 
 
-def named_format(name: str, formats: Mapping[str, FileFormat]) -> FileFormat:
-    """Return the format that has this name. Raises InputError where none has."""
+def find_format(name: str, formats: Mapping[str, FileFormat]) -> FileFormat:
+    """Return the format of this name; InputError where there is none."""
     if name not in formats:
         fix = f"use auto, {listed(formats)}"
         raise input_error("format", f"there is no format {name!r}", fix)
     return formats[name]
 
 
-def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
-    """Raise InputError unless the format of a file is ours, and can hold such records.
+def check_our_format(path: Path, kind: str, file_format: FileFormat) -> None:
+    """Raise InputError unless a format is shapefit's own, and has records of `kind`.
 
-    `kind` is that of the records; `path` is named in the message.
+    `path` is the file of that format, for the message.
     """
     if file_format.read_poses is not None or kind not in file_format.records:
         able = listed(row.title for row in OURS.values() if kind in row.records)
@@ -325,16 +327,16 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
 
 
 def record_writer(
-    target: Path, form: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
+    target: Path, layout: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
 ) -> Output:
-    """Give a writer of records of one layout for use in a `with`.
+    """Return a context manager of a writer of records to `target`, in the format `to`.
 
-    Its `append` takes one or more. The file, in the format `to`, or in that of its
-    name, replaces `target` on a clean exit and leaves nothing behind on an error.
+    Its `append` takes one or more. With `auto` the format is that of the name. The file
+    replaces `target` on a clean exit and leaves nothing behind on an error.
     Raises InputError where that format cannot hold the records, or has no use for the
     options.
     """
-    file_format = check_target_format(target, form.kind, to)
+    file_format = check_target_format(target, layout.kind, to)
     if is_stream(target) and file_format is not CSV:
         fault = "files of this format cannot go to standard output"
         raise input_error("output", fault, "name a file")
@@ -342,22 +344,22 @@ def record_writer(
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
-        if file_format is CSV and form is RESULTS and options.height is not None:
+        if file_format is CSV and layout is RESULTS and options.height is not None:
             fix += ", or in .h5, which states it"
         raise input_error(min(given)[0], fault, fix)
     assert file_format.write is not None
-    return file_format.write(target, form, options)
+    return file_format.write(target, layout, options)
 
 
-landmark_writer = partial(record_writer, form=LANDMARKS)
-result_writer = partial(record_writer, form=RESULTS)
+landmark_writer = partial(record_writer, layout=LANDMARKS)
+result_writer = partial(record_writer, layout=RESULTS)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format that an output path asks for by its ending.
+    """Return the format to write, by the ending of a path or by the format's `name`.
 
-    It is CSV for `-`, and HDF5 for a name without ending. With another `name` than auto
-    it is that format. Raises InputError for an ending of no format, and unknown names.
+    With `auto` it is CSV for `-`, and HDF5 for a name without ending. Raises InputError
+    for an ending of no format, and unknown names.
     """
     if name in TARGETS:
         return TARGETS[name]
@@ -385,9 +387,9 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
 
 
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
-    """Return the format of an output; InputError if it cannot hold such records.
+    """Return the format to write; InputError if it cannot hold records of `kind`.
 
-    `kind` is that of the records.
+    The format is found as `find_target_format` finds it.
     """
     target = find_target_format(path, name)
     if kind not in target.records:

@@ -17,9 +17,9 @@ import numpy as np
 from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.checks import input_problems
-from shapefit.io.chunks import Chunks
+from shapefit.io.chunks import SuspectChunks
 from shapefit.io.contents import digest_contents
-from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
+from shapefit.io.inputs import ALWAYS_FITS, check_fits, format_bytes
 from shapefit.io.layout import (
     CONTENTS,
     COUNTS,
@@ -124,7 +124,7 @@ class Hdf5File:
         self.path = path
         # h5py takes long to look up their types and shapes
         self._datasets: dict[str, h5py.Dataset] = {}
-        self._chunks: dict[str, Chunks] = {}
+        self._chunks: dict[str, SuspectChunks] = {}
         with self.damage_as_input_error():
             self.root = open_hdf5(path)
 
@@ -141,17 +141,17 @@ class Hdf5File:
         self.root.close()
 
     def place(self, name: str, row: int | None = None) -> str:
-        """Return how messages name a dataset or group, or a row of it."""
+        """Return `path:/name[row]`, as messages name a dataset or group, or its row."""
         where = f"{self.path}:/{printable(name.strip('/'))}"
         return where if row is None else f"{where}[{row}]"
 
-    def fault(self, name: str, fault: str, fix: str = DAMAGED) -> InputError:
-        """Return the InputError for a fault of a dataset or group, "" for the file."""
+    def make_error(self, name: str, fault: str, fix: str = DAMAGED) -> InputError:
+        """Return an InputError about a dataset or group; about the file for ""."""
         return input_error(self.place(name) if name else self.path, fault, fix)
 
     @contextmanager
     def damage_as_input_error(self, name: str = "") -> Iterator[None]:
-        """Turn what h5py raises for damage, or filters it lacks, into InputError."""
+        """Turn exceptions of h5py, by damage or missing filters, into InputError."""
         try:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
@@ -164,10 +164,13 @@ class Hdf5File:
                 if filtered
                 else DAMAGED
             )
-            raise self.fault(name, f"cannot be read ({reason})", fix) from error
+            raise self.make_error(name, f"cannot be read ({reason})", fix) from error
 
     def attribute(self, name: str, node: str = "/") -> Any:
-        """Return an attribute as a str, bytes, number or list of Python, else None."""
+        """Return an attribute as a Python str, bytes, number or list, None if absent.
+
+        `node` is the group or dataset that has it.
+        """
         with self.damage_as_input_error(node.strip("/")):
             attributes = self.root[node].attrs
             value = attributes[name] if name in attributes else None  # noqa: SIM401 hides damage
@@ -179,19 +182,19 @@ class Hdf5File:
             value = value.flat[0] if value.size == 1 else value.tolist()
         return value.item() if isinstance(value, np.generic) else value
 
-    def is_dataset(self, name: str) -> bool:
-        """Whether there is such a dataset."""
+    def has_dataset(self, name: str) -> bool:
+        """Whether the file has a dataset of this name."""
         with self.damage_as_input_error(name):
             return isinstance(self.root.get(name), h5py.Dataset)
 
-    def rows(self, name: str, rows: slice | tuple[()] = ()) -> Any:
-        """Return rows of a dataset as they stand in the file, texts as str.
+    def read_rows(self, name: str, rows: slice | tuple[()] = ()) -> Any:
+        """Read rows of a dataset, `()` for all, in its stored type; texts become str.
 
-        `()` is all of it. Raises InputError where there is no such dataset, and where
-        they are more than memory or the file can hold.
+        Raises InputError where there is no such dataset, and where its values are more
+        than memory or the file can hold.
         """
-        if name not in self._datasets and not self.is_dataset(name):
-            raise self.fault(name, "there is no such dataset")
+        if name not in self._datasets and not self.has_dataset(name):
+            raise self.make_error(name, "there is no such dataset")
         with self.damage_as_input_error(name):
             dataset = self._datasets.get(name) or self.root[name]
             shape: tuple[int, ...] = dataset.shape or ()
@@ -207,44 +210,46 @@ class Hdf5File:
             size = math.prod(shape) * width
             present = dataset.id.get_storage_size()
             if size > max(ALWAYS_FITS, MAX_COMPRESSION * present):
-                fault = f"of its {in_words(size)} the file holds {in_words(present)}"
-                raise self.fault(name, fault, "write its values, or make it smaller")
+                total, stored = format_bytes(size), format_bytes(present)
+                fault = f"of its {total} the file holds {stored}"
+                fix = "write its values, or make it smaller"
+                raise self.make_error(name, fault, fix)
             if size and dataset.chunks and not present and not text:
                 # HDF5 takes long, and gigabytes, to go through many chunks that are not
                 # there
                 return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
             self._check_chunks(name, dataset, rows)
             values = dataset[rows]
-            return _decoded(values) if text else values
+            return _decode_texts(values) if text else values
 
     def _check_chunks(
         self, name: str, dataset: h5py.Dataset, rows: slice | tuple[()]
     ) -> None:
-        """Raise InputError for chunks with some of these rows that hold too much.
+        """Raise InputError if chunks of these rows inflate to more than they declare.
 
-        That is more than they declare, or than their size allows.
+        Chunks that memory cannot hold are refused, too.
         """
         if dataset.chunks is None:
             return
         if name not in self._chunks:
-            self._chunks[name] = Chunks(dataset)
+            self._chunks[name] = SuspectChunks(dataset)
         chunks = self._chunks[name]
         fix = "write it again with gzip or without compression"
         if chunks.fault:
-            raise self.fault(name, chunks.fault, fix)
+            raise self.make_error(name, chunks.fault, fix)
         check_fits(self.place(name), chunks.bytes, "a chunk of it")
         start, stop = 0, len(dataset)
         if isinstance(rows, slice):
             start, stop, _ = rows.indices(stop)
         chunk = chunks.find_longer(start, stop)
         if chunk is not None:
-            declared = in_words(chunks.bytes)
+            declared = format_bytes(chunks.bytes)
             fault = f"has a chunk that holds more than the {declared} that it declares"
-            raise self.fault(name, fault, fix)
+            raise self.make_error(name, fault, fix)
 
 
-def _decoded(stored: Any) -> Any:
-    """Return bytes as str, and an array of bytes as an array of str.
+def _decode_texts(stored: Any) -> Any:
+    """Decode UTF-8: bytes to str, and an array of bytes to an array of str.
 
     It takes half the time of h5py's `asstr`.
     """
@@ -256,12 +261,12 @@ def _decoded(stored: Any) -> Any:
 
 
 def as_text(value: Any) -> Any:
-    """Return bytes as text, any other value of an attribute as it is."""
+    """Decode an attribute if it is bytes; return any other value as it is."""
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def hdf5_kind(path: Path) -> str:
-    """Return the kind of a file of ours: landmarks, shapes, result or dictionary.
+    """Return the kind of a shapefit file: landmarks, shapes, result or dictionary.
 
     It is that of the layout that the file says it has. Raises InputError for other
     files.
@@ -271,7 +276,7 @@ def hdf5_kind(path: Path) -> str:
 
 
 def _check_format(file: Hdf5File, *formats: str) -> str:
-    """Return the attribute `format`. Raises InputError where it is none of these."""
+    """Return the root attribute `format`; InputError if it is none of `formats`."""
     stated = as_text(file.attribute("format"))
     if stated not in formats:
         fault, fix = f"is a {stated} file", f"give a {listed(formats)} file"
@@ -283,7 +288,7 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
 
 
 class Seal(NamedTuple):
-    """The digest of all that a result holds, as it states it and as it is found.
+    """The digest of all that a result file holds: as stated in it, and as recomputed.
 
     An intact file has both alike. stated is "" where the file has none; rows are those
     of the input that are in the file, None for all.
@@ -295,7 +300,7 @@ class Seal(NamedTuple):
 
 
 def read_seal(path: Path) -> Seal:
-    """Return the stated and the recomputed digest of a file, which is read whole.
+    """Return the digest that a result file states, and that of all its contents.
 
     Raises InputError where that cannot be.
     """
@@ -303,7 +308,7 @@ def read_seal(path: Path) -> Seal:
         stated = str(as_text(file.attribute(CONTENTS)) or "")
         text = as_text(file.attribute(INPUT_ROWS))
         with file.damage_as_input_error():
-            found = digest_contents(file.root, file.rows)
+            found = digest_contents(file.root, file.read_rows)
     rows = None
     if text is not None:
         numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", str(text))
@@ -315,10 +320,9 @@ def read_seal(path: Path) -> Seal:
 
 
 def stated_digest(path: Path) -> str:
-    """Return the digest of its contents that a result of this run states.
+    """Return the digest of contents that a result file states, "" if it has none.
 
-    It is opened without the checks of files that come from elsewhere. "" without a
-    digest.
+    It was written by this run, and is opened without the checks of other files.
     """
     with h5py.File(path, "r", locking=False) as file:
         return str(file.attrs.get(CONTENTS, ""))
@@ -333,15 +337,15 @@ class Hdf5Reader(Hdf5File):
     is wrong.
     """
 
-    def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
+    def __init__(self, path: Path, layout: Layout, *, old: bool = False) -> None:
         super().__init__(path)
-        self.form = form
-        self.columns = dict(form.columns)
+        self.layout = layout
+        self.columns = dict(layout.columns)
         self._sizes: dict[str, int] = {}
         try:
             self._attributes = self._read_attributes(old)
             self._open_datasets()
-            if not self._has_edges():
+            if not self._has_landmark_edges():
                 self.columns.pop(EDGES, None)
             if problems := list(self._find_problems()):
                 raise input_problems(problems)
@@ -349,7 +353,7 @@ class Hdf5Reader(Hdf5File):
             names = self.read("landmark_names")
             if "" in names or len({*names}) < len(names):
                 fault = "holds an empty name, or one twice"
-                raise self.fault(
+                raise self.make_error(
                     "landmark_names", fault, "give every landmark a unique name"
                 )
         except BaseException:
@@ -358,7 +362,7 @@ class Hdf5Reader(Hdf5File):
 
     @property
     def attributes(self) -> dict[str, Attribute]:
-        """Attributes that the layout does not define: texts and numbers."""
+        """Root attributes, by name, that the layout does not define."""
         return {
             name.removeprefix(PREFIX): value
             for name, value in self._attributes.items()
@@ -399,16 +403,16 @@ class Hdf5Reader(Hdf5File):
         raise self._misstated_attribute()
 
     def _misstated_attribute(self) -> InputError:
-        """Return the error for a y_axis or frame_rate that cannot be."""
+        """Return the InputError for an invalid y_axis or frame_rate."""
         y_axis = self._attributes.get("y_axis")
         rate = self._attributes.get("frame_rate")
         fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
         fix = "set y_axis to up or down, and frame_rate to frames per second, a"
         return input_error(self.path, fault, f"{fix} number > 0")
 
-    def records(self, rows: slice, without: Collection[str] = ()) -> Items:
-        """Return the items in these rows as a record, but for datasets `without`."""
-        assert self.form.record is not None, "a dictionary has no items"
+    def read_record(self, rows: slice, without: Collection[str] = ()) -> Items:
+        """Read these rows as a record, without the datasets named in `without`."""
+        assert self.layout.record is not None, "a dictionary has no items"
         fields: dict[str, Any] = {}
         extras: dict[str, Array] = {}
         file_extras: dict[str, Array] = {}
@@ -417,14 +421,14 @@ class Hdf5Reader(Hdf5File):
             if name in self.columns:
                 fields[self.columns[name].field] = values
             elif self._is_per_item(name):
-                extras[self._free_name(name)] = values
+                extras[self._name_of_extra(name)] = values
             else:
-                file_extras[self._free_name(name)] = values
-        if self.form is RESULTS:
+                file_extras[self._name_of_extra(name)] = values
+        if self.layout is RESULTS:
             fields["attributes"] = self.attributes
-        if self.form is not SHAPES:
+        if self.layout is not SHAPES:
             fields["y_axis"] = self.y_axis or "down"
-        return self.form.record(
+        return self.layout.record(
             **fields,
             unit=self.unit,
             frame_rate=self.frame_rate,
@@ -432,17 +436,14 @@ class Hdf5Reader(Hdf5File):
             file_extras=file_extras,
         )
 
-    def _free_name(self, name: str) -> str:
-        """Return the name of an extra in memory, after `input_` if it is taken.
-
-        Those that the layout lists are taken.
-        """
-        return f"input_{name}" if name in self.form.columns else name
+    def _name_of_extra(self, name: str) -> str:
+        """Return the name for an extra, `input_name` if a field's column has `name`."""
+        return f"input_{name}" if name in self.layout.columns else name
 
     def dictionary_fields(self) -> dict[str, Any]:
-        """Return the datasets of a dictionary by their fields; None for absent ones.
+        """Return field -> value for the datasets of a dictionary, None if absent.
 
-        They are in the orientation of the mathematics, one point a column.
+        Points are in the orientation of the mathematics, (..., 3, p).
         """
         fields: dict[str, Any] = {}
         for name, column in self.columns.items():
@@ -453,10 +454,10 @@ class Hdf5Reader(Hdf5File):
         return fields
 
     def read(self, name: str, rows: slice = slice(None)) -> Any:
-        """Return a dataset; where it has rows for items, those of the items in `rows`.
+        """Read a dataset; of one that is per item only the items in `rows`.
 
-        What the layout lists has the type of its field, all else is as it stands in
-        the file. Raises InputError for values of another type.
+        What the layout lists has the type of its field, all else its stored type.
+        Raises InputError for values of another type.
         """
         column = self.columns.get(name)
         if column and column.axes[0] == "a":
@@ -464,7 +465,7 @@ class Hdf5Reader(Hdf5File):
             bounds = self._transform_bounds
             rows = slice(int(bounds[start]), int(bounds[max(start, stop)]))
         per_item = self._is_per_item(name)
-        values = np.asarray(self.rows(name, rows if per_item else ()))
+        values = np.asarray(self.read_rows(name, rows if per_item else ()))
         if column is None:
             return values
         if column.kind == Texts:
@@ -473,11 +474,11 @@ class Hdf5Reader(Hdf5File):
             return as_kind(column, values)
         except ValueError:
             fault = f"holds other values than {column.noun}"
-            raise self.fault(name, fault, f"store {column.noun}") from None
+            raise self.make_error(name, fault, f"store {column.noun}") from None
 
     @cached_property
     def _transform_bounds(self) -> Integers:
-        """The rows (n + 1,) where transforms of each item begin, and the last ones end.
+        """The first row (n + 1,) of each item's transforms, and the number of rows.
 
         Raises InputError where their counts are not those of the rows.
         """
@@ -487,17 +488,17 @@ class Hdf5Reader(Hdf5File):
         # none is more than all, lest a sum of large ones overflows to the right one
         if ((counts < 0) | (counts > total)).any() or ends[-1] != total:
             fault = f"does not count the {total} rows of transforms"
-            raise self.fault(COUNTS, fault, "the file was changed: fit again")
+            raise self.make_error(COUNTS, fault, "the file was changed: fit again")
         return ends
 
     def _read_attributes(self, old: bool) -> dict[str, Any]:
-        """Return the attributes of the root, format and version checked."""
-        _check_format(self, self.form.name)
+        """Check format and version, and return the root attributes by name."""
+        _check_format(self, self.layout.name)
         with self.damage_as_input_error():
             names = list(self.root.attrs)
         root = {name: as_text(self.attribute(name)) for name in names}
         version = root.get("version")
-        if version == 1 and not old and self.form in (RESULTS, DICTIONARY):
+        if version == 1 and not old and self.layout in (RESULTS, DICTIONARY):
             fix = f"write it anew: shapefit convert {self.path.name} -o NEW.h5"
             raise input_error(self.path, "is of version 1, an earlier format", fix)
         if version not in (1, VERSION):
@@ -508,7 +509,7 @@ class Hdf5Reader(Hdf5File):
         return root
 
     def _open_datasets(self) -> None:
-        """Open all datasets, under today's names where version 1 had others."""
+        """Open all datasets, by their names in version 2 if version 1 had others."""
         nodes: dict[str, h5py.Group | h5py.Dataset] = {}
         with self.damage_as_input_error():
             self.root.visititems(
@@ -524,20 +525,20 @@ class Hdf5Reader(Hdf5File):
             if isinstance(node, h5py.Dataset):
                 self._datasets[renamed.get(name, name)] = node
 
-    def _has_edges(self) -> bool:
-        """Whether the dataset `edges` is to be read as edges between landmarks.
+    def _has_landmark_edges(self) -> bool:
+        """Whether the dataset `edges`, if any, holds edges between landmarks.
 
         Landmarks and results of other tools may carry something else under this name.
         """
-        if self.form in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
+        if self.layout in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
             return True
         edges = self._datasets[EDGES]
         return (edges.shape or ())[1:] == (2,) and edges.dtype.kind in "iu"
 
     def _find_problems(self) -> Iterator[str]:
-        """Yield what is wrong with the kind or shape of each dataset."""
+        """Yield a message for each dataset that is absent or of wrong kind or shape."""
         for name, column in self.columns.items():
-            letters, values = _stored_as(column)
+            letters, values = _allowed_kinds(column)
             fault = "there is no such dataset" if column.required else ""
             if name in self._datasets:
                 dataset = self._datasets[name]
@@ -555,7 +556,7 @@ class Hdf5Reader(Hdf5File):
                 yield f"{self.place(name)}: {fault}; {wanted}"
 
     def _is_per_item(self, name: str) -> bool:
-        """Whether a dataset has rows for items.
+        """Whether a dataset has a row for each item.
 
         By its layout, else by its attribute in version 2, and its axes in version 1.
         """
@@ -563,15 +564,15 @@ class Hdf5Reader(Hdf5File):
             return self.columns[name].per_item
         dataset = self._datasets[name]
         if self._attributes["version"] == 1:
-            per_item = self.form.is_per_item(name, dataset.ndim)
+            per_item = self.layout.is_per_item(name, dataset.ndim)
         else:
             with self.damage_as_input_error(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))
         return per_item and bool(dataset.shape[:1] == (self.count,))
 
 
-def _stored_as(column: Column) -> tuple[str, str]:
-    """Return the kinds of NumPy that a column can have in files, and words for them."""
+def _allowed_kinds(column: Column) -> tuple[str, str]:
+    """Return letters of NumPy's kinds that a column may have, and words for them."""
     if column.is_text:
         return TEXT
     return INTEGERS if column.is_integer else NUMBER_KINDS

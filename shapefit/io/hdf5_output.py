@@ -29,7 +29,7 @@ from shapefit.io.contents import (
     describe_attribute,
     describe_values,
     digest_of_lines,
-    kind_of_values,
+    kind_of_dtype,
 )
 from shapefit.io.hdf5_file import PLAIN_ATTRIBUTES, PREFIX
 from shapefit.io.layout import (
@@ -59,8 +59,8 @@ NAMES = ("item", "sequence", "landmark_names")
 
 
 @contextmanager
-def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
-    """Give a writer to a file that appears on a clean exit."""
+def hdf5_output(target: Path, layout: Layout) -> Iterator[Hdf5Writer]:
+    """Give an Hdf5Writer to `target`, which appears on a clean exit."""
     options = {
         "libver": ("v110", "v110"),
         "rdcc_nbytes": 4 * CHUNK_BYTES,
@@ -74,7 +74,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
         _reserve(space, SPARE)  # before HDF5 has anything to write
         try:
             with h5py.File(path, "w", **options) as file:
-                writer = Hdf5Writer(file, form, space)
+                writer = Hdf5Writer(file, layout, space)
                 yield writer
                 writer.finish()
                 size = file.id.get_filesize()
@@ -99,31 +99,32 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     """Appends records of one layout to an HDF5 file.
 
     What is not per item comes from the first record. `attributes`, those of records
-    too, become root attributes at the end. Rows are held until they fill a chunk, since
-    a call of HDF5 takes as long as many rows; texts per item are held to the end, when
+    too, become root attributes at the end. Rows are buffered until they fill a chunk,
+    since a call of HDF5 takes as long as many rows; texts per item to the end, when
     their length is known.
     """
 
-    def __init__(self, file: h5py.File, form: Layout, space: IO[bytes]) -> None:
+    def __init__(self, file: h5py.File, layout: Layout, space: IO[bytes]) -> None:
+        """Take an open HDF5 file; `space` is the same file, to reserve disk space."""
         super().__init__()
-        self._file, self._form, self._space = file, form, space
+        self._file, self._layout, self._space = file, layout, space
         self._needed = self._reserved = 0
         self._first: Items | Dictionary | None = None
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
-        self._held: dict[str, list[Array]] = {}
-        self._held_bytes: dict[str, int] = {}
+        self._buffered: dict[str, list[Array]] = {}
+        self._buffered_bytes: dict[str, int] = {}
         self._texts: dict[str, list[Array]] = {}
         self._datasets: dict[str, h5py.Dataset] = {}
         self._digests: dict[str, ValuesDigest] = {}
 
     def append(self, record: Items | Dictionary) -> None:
-        """Write the items of a record after those that are there.
+        """Write the items of a record after those already written.
 
         Raises ValueError where its landmarks or datasets are not those of the first
         record.
         """
-        rows, whole = _as_stored(record)
+        rows, whole = _datasets_of(record)
         shapes = {name: values.shape[1:] for name, values in rows.items()}
         if self._first is None:
             self.begun = True
@@ -137,17 +138,17 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             )
         for name, values in rows.items():
             if values.dtype.kind in "OU":
-                self._texts.setdefault(name, []).append(_encoded(name, values))
+                self._texts.setdefault(name, []).append(_encode_texts(name, values))
             else:
-                self._hold_rows(name, values)
+                self._buffer_rows(name, values)
         if isinstance(record, Items):
             self.attributes.update(record.attributes)
 
     def finish(self) -> None:
-        """Write what is held, what belongs to the file, and the attributes."""
+        """Write buffered rows, datasets that are not per item, and attributes."""
         self.check_begun()
-        for name in [*self._held]:
-            self._write_held_rows(name, are_last=True)
+        for name in [*self._buffered]:
+            self._flush_rows(name, are_last=True)
         for name, blocks in self._texts.items():
             width = max(block.dtype.itemsize for block in blocks)
             kind = h5py.string_dtype("utf-8", width)
@@ -159,36 +160,36 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             _set_attribute(self._datasets[name], PER_ITEM, True)
         self._write_attributes()
         if self.seal is not None:
-            _set_attribute(self._file, CONTENTS, digest_of_lines(self._lines()))
+            _set_attribute(self._file, CONTENTS, digest_of_lines(self._digest_lines()))
         self._file.flush()
         self._datasets.clear()
 
     @property
     def _per_item_datasets(self) -> Collection[str]:
-        """Datasets that say by an attribute that they are per item."""
-        return self._shapes.keys() - self._form.unmarked
+        """Names of the datasets that get the attribute PER_ITEM."""
+        return self._shapes.keys() - self._layout.unmarked
 
-    def _hold_rows(self, name: str, values: Array) -> None:
-        """Hold rows of a dataset until they fill a chunk."""
-        self._held.setdefault(name, []).append(values)
-        size = self._held_bytes.get(name, 0) + values.nbytes
-        self._held_bytes[name] = size
+    def _buffer_rows(self, name: str, values: Array) -> None:
+        """Buffer rows of a dataset; write all buffered rows when they fill a chunk."""
+        self._buffered.setdefault(name, []).append(values)
+        size = self._buffered_bytes.get(name, 0) + values.nbytes
+        self._buffered_bytes[name] = size
         if size >= CHUNK_BYTES:
-            self._write_held_rows(name)
+            self._flush_rows(name)
 
-    def _write_held_rows(self, name: str, *, are_last: bool = False) -> None:
-        """Write the rows of a dataset that are held."""
-        del self._held_bytes[name]
-        self._write_rows(name, _join_rows(self._held.pop(name)), are_last=are_last)
+    def _flush_rows(self, name: str, *, are_last: bool = False) -> None:
+        """Write the buffered rows of a dataset."""
+        del self._buffered_bytes[name]
+        self._write_rows(name, _join_rows(self._buffered.pop(name)), are_last=are_last)
 
     def _write_rows(self, name: str, values: Array, *, are_last: bool = False) -> None:
-        """Write rows of a dataset behind those that are there.
+        """Append rows to a dataset, which is created with its first rows.
 
         A dataset whose first rows are its last ones cannot grow: HDF5 then needs no
         index of its chunks.
         """
         self._reserve_for(values.nbytes)
-        self._digest(name, values)
+        self._update_digest(name, values)
         if name not in self._datasets:
             rest = values.shape[1:]
             rows = _chunk_rows(values)
@@ -207,10 +208,10 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         dataset[start:] = values
 
     def _write_whole(self, name: str, values: Array) -> None:
-        """Write a dataset that belongs to the file."""
-        stored = _encoded(name, values) if values.dtype.kind in "OU" else values
+        """Write a dataset that is not per item."""
+        stored = _encode_texts(name, values) if values.dtype.kind in "OU" else values
         self._reserve_for(2 * stored.nbytes)
-        self._digest(name, stored)
+        self._update_digest(name, stored)
         # HDF5 has no checksum for one value.
         checked = stored.size > 0 and stored.ndim > 0
         self._datasets[name] = _create_dataset(
@@ -218,50 +219,50 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         )
 
     def _write_attributes(self) -> None:
-        """Write the attributes of the file."""
-        stated = self._all_attributes()
+        """Write the root attributes of the file."""
+        stated = self._root_attributes()
         self._reserve_for(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             _set_attribute(self._file, name, value)
 
-    def _all_attributes(self) -> Mapping[str, object]:
-        """Return the attributes of the layout, of the first record, and those given.
+    def _root_attributes(self) -> Mapping[str, object]:
+        """Return the root attributes: format, unit and so on, and `attributes`.
 
-        A given one has a prefix where the layout has one of its name.
+        One of `attributes` gets a prefix where the layout has one of its name.
         """
-        stated: dict[str, object] = {"format": self._form.name, "version": VERSION}
+        stated: dict[str, object] = {"format": self._layout.name, "version": VERSION}
         for name in ("unit", "y_axis", "frame_rate"):
             stated[name] = getattr(self._first, name, None)
-        for name, given in self.attributes.items():
+        for name, value in self.attributes.items():
             prefix = PREFIX if name in PLAIN_ATTRIBUTES else ""
-            stated[prefix + name] = given
+            stated[prefix + name] = value
         stated |= self.seal or {}
         return {name: value for name, value in stated.items() if value is not None}
 
-    def _digest(self, name: str, values: Array) -> None:
-        """Take values that are written into the digest of their dataset."""
+    def _update_digest(self, name: str, values: Array) -> None:
+        """Add written values to the digest of their dataset, if the file gets one."""
         if self.seal is not None:
             self._digests.setdefault(name, ValuesDigest()).add(values)
 
-    def _lines(self) -> Iterator[DigestLine]:
-        """Yield the lines of the file's digest, from what was written.
+    def _digest_lines(self) -> Iterator[DigestLine]:
+        """Describe each attribute, dataset and group in the file as a list to hash.
 
         `digest_contents` reads the same from the file, which takes longer.
         """
-        for name, value in self._all_attributes().items():
+        for name, value in self._root_attributes().items():
             yield describe_attribute("/", name, value)
-        groups: set[str] = set()
         for name, dataset in self._datasets.items():
-            kind = kind_of_values(dataset.dtype)
+            kind = kind_of_dtype(dataset.dtype)
             yield describe_values(name, kind, dataset.shape, self._digests[name])
-            groups.update(str(group) for group in PurePosixPath(name).parents)
         for name in self._per_item_datasets:
             yield describe_attribute(name, PER_ITEM, True)
+        in_groups = [PurePosixPath(name) for name in self._datasets if "/" in name]
+        groups = {str(group) for path in in_groups for group in path.parents}
         for group in groups - {"."}:
             yield ["Group", group]
 
     def _reserve_for(self, size: int) -> None:
-        """Reserve space for bytes to come, as HDF5 crashes on a full disk."""
+        """Reserve disk space for `size` more bytes, as HDF5 crashes on a full disk."""
         self._needed += size + size // METADATA_SHARE
         if self._needed > self._reserved:
             self._reserved = self._needed + SPARE + min(self._needed, 7 * SPARE)
@@ -276,7 +277,7 @@ def _create_dataset(
     *,
     grows: bool = False,
 ) -> h5py.Dataset:
-    """Return a new dataset that holds these values, with checksums where it has chunks.
+    """Create a dataset of these values, with checksums where it has chunks.
 
     By the calls of HDF5 itself: `create_dataset` takes three times as long, which is
     most of the time of a small file.
@@ -290,8 +291,8 @@ def _create_dataset(
         name.encode(),
         h5py.h5t.py_create(values.dtype, logical=True),
         _dataspace(values.shape, limits),
-        _storage(chunks),
-        _path(),
+        _creation_properties(chunks),
+        _link_properties(),
     )
     if values.size:
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values))
@@ -299,8 +300,8 @@ def _create_dataset(
 
 
 @lru_cache(maxsize=64)
-def _storage(chunks: tuple[int, ...] | None) -> h5py.h5p.PropDCID:
-    """Return how a dataset is stored: in chunks with checksums, or as it is."""
+def _creation_properties(chunks: tuple[int, ...] | None) -> h5py.h5p.PropDCID:
+    """Return HDF5's properties of a dataset: chunks with checksums, or contiguous."""
     storage = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     storage.set_obj_track_times(False)
     if chunks is not None:
@@ -310,8 +311,8 @@ def _storage(chunks: tuple[int, ...] | None) -> h5py.h5p.PropDCID:
 
 
 @cache
-def _path() -> h5py.h5p.PropLCID:
-    """Return how the path of a dataset is stored: in UTF-8, its groups are made."""
+def _link_properties() -> h5py.h5p.PropLCID:
+    """Return HDF5's properties of a link: UTF-8 names, missing groups are created."""
     path = h5py.h5p.create(h5py.h5p.LINK_CREATE)
     path.set_create_intermediate_group(True)
     path.set_char_encoding(h5py.h5t.CSET_UTF8)
@@ -319,7 +320,7 @@ def _path() -> h5py.h5p.PropLCID:
 
 
 def _set_attribute(node: h5py.HLObject, name: str, value: object) -> None:
-    """Set a new attribute of a file or dataset, mostly by HDF5's own calls."""
+    """Create an attribute of a file or dataset."""
     if not isinstance(value, str | bool | int | float):
         node.attrs[name] = value
         return
@@ -330,19 +331,19 @@ def _set_attribute(node: h5py.HLObject, name: str, value: object) -> None:
 
 
 def _dataspace(shape: tuple[int, ...], limits: tuple[int, ...]) -> h5py.h5s.SpaceID:
-    """Return HDF5's description of a shape, and of how far it can grow."""
+    """Return the HDF5 dataspace of a shape that can grow up to `limits`."""
     if not shape:
         return h5py.h5s.create(h5py.h5s.SCALAR)
     return h5py.h5s.create_simple(shape, limits)
 
 
 def _join_rows(blocks: list[Array]) -> Array:
-    """Return blocks of rows as one."""
+    """Concatenate blocks of rows; a single block is not copied."""
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 
 def _chunk_rows(values: Array) -> int:
-    """Return the number of rows of a chunk, by the first rows of its dataset.
+    """Return how many rows a chunk has in a dataset whose first rows are `values`.
 
     All of them where they are less than CHUNK_BYTES, else a power of two.
     """
@@ -353,12 +354,12 @@ def _chunk_rows(values: Array) -> int:
     return 1 << (most.bit_length() - 1)
 
 
-def _as_stored(
+def _datasets_of(
     record: Items | Dictionary,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the datasets of a record or dictionary, those per item and the others."""
+    """Return a record's or dictionary's datasets by name: per item, and the others."""
     if not isinstance(record, Items):
-        return {}, _dictionary_as_stored(record)
+        return {}, _datasets_of_dictionary(record)
     rows = dict(record.extras)
     whole = dict(record.file_extras)
     for column, value in present_columns(record):
@@ -370,8 +371,8 @@ def _as_stored(
     return rows, whole
 
 
-def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
-    """Return the datasets of a dictionary by their names, as they stand in a file."""
+def _datasets_of_dictionary(dictionary: Dictionary) -> dict[str, Array]:
+    """Return a dictionary's datasets by name, their points one a row: (..., p, 3)."""
     whole: dict[str, Array] = {}
     for name, column in DICTIONARY.columns.items():
         value = getattr(dictionary, column.field, None)
@@ -382,8 +383,8 @@ def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
     return whole
 
 
-def _encoded(name: str, texts: Array) -> Array:
-    """Return texts of a dataset as an array of UTF-8 of one width, the longest's.
+def _encode_texts(name: str, texts: Array) -> Array:
+    """Encode texts of the dataset `name` as UTF-8 of one width, that of the longest.
 
     Raises InputError for a name with the character NUL, where HDF5 would cut it off.
     """

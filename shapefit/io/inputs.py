@@ -87,7 +87,7 @@ def require_file(path: Path) -> None:
 
 
 def find_state(path: Path) -> State:
-    """Return the bytes of a file, and when it changed; zeros where there is no file.
+    """Return size in bytes and time of change (ns) of a file, (0, 0) if there is none.
 
     What is no file, such as a pipe, has zeros, too. Of a folder it is all bytes, and a
     number that another name, size or time of a file in it makes another one. Hidden
@@ -109,7 +109,7 @@ def find_state(path: Path) -> State:
 
 
 def check_unchanged(states: Mapping[Path, State]) -> None:
-    """Raise InputError for files that changed since their states were found."""
+    """Raise InputError for files whose size or time of change is not as in `states`."""
     fault = "changed while it was read, so that the result would be of two states"
     fix = "run the command again when it is complete"
     changed = [path for path, state in states.items() if find_state(path) != state]
@@ -122,7 +122,7 @@ def check_unchanged(states: Mapping[Path, State]) -> None:
 
 
 def read_text_blocks(path: Path, *, live: bool = False) -> Iterator[bytes]:
-    """Yield the bytes of standard input, a pipe or a file, block by block.
+    """Yield the bytes of standard input, a pipe or a text file, block by block.
 
     With `live` a block of standard input is what has come. Raises InputError where
     there are none, and where they are HDF5.
@@ -145,26 +145,26 @@ def read_text_blocks(path: Path, *, live: bool = False) -> Iterator[bytes]:
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a text file, unpacked; InputError where it is too large."""
+    """Return the bytes of a text file, gunzipped; InputError where it is too large."""
     text = BytesIO()
     for block in _read_blocks(path, WHOLE_BLOCK_BYTES):
         text.write(block)
         check_fits(str(path), text.tell())
         if text.tell() > MAX_READ_BYTES:
-            largest = in_words(MAX_READ_BYTES)
+            largest = format_bytes(MAX_READ_BYTES)
             fault = f"holds more than {largest} of text, and it is read whole"
             raise input_error(path, fault, "divide it into smaller files")
     return text.getvalue()
 
 
 def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
-    """Yield the bytes of a text, block by block, unpacked where gzip made it smaller.
+    """Yield the bytes of a file or standard input in blocks, gunzipped if it is gzip.
 
     Raises InputError for text that cannot be unpacked, and at the place where it has
     become too large for the bytes that were read of its file.
     """
     with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
-        if not _is_packed(path):
+        if not _is_gzip(path):
             yield from iter(partial(file.read, block_bytes), b"")
             return
         size, unpacked = 0, gzip.GzipFile(fileobj=file)
@@ -178,29 +178,31 @@ def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
             raise input_error(path, f"cannot be unpacked ({error})", fix) from error
 
 
-def _is_packed(path: Path) -> bool:
-    """Whether a file was made smaller by gzip; pipes are left alone."""
+def _is_gzip(path: Path) -> bool:
+    """Whether a regular file is gzip; False for pipes, which are not read."""
     return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
 
 
-def check_fits(place: str, size: int, what: str = "it") -> None:
-    """Raise InputError at `place` where `size` bytes are more memory than is free."""
+def check_fits(place: str, size: int, subject: str = "it") -> None:
+    """Raise InputError at `place` if `size` bytes are more than the free memory.
+
+    The subject is that of the message.
+    """
     if size <= ALWAYS_FITS:
         return
     free = free_memory()
     if size > max(ALWAYS_FITS, free):
-        fault = (
-            f"{what} takes {in_words(size)} of memory, and {in_words(free)} are free"
-        )
+        needed = f"{subject} takes {format_bytes(size)} of memory"
+        fault = f"{needed}, and {format_bytes(free)} are free"
         raise input_error(
             place, fault, "divide the file, or use a machine with more memory"
         )
 
 
 def check_unpacked(place: str | Path, size: int, packed: int) -> None:
-    """Raise InputError at `place` where `size` bytes are too many for `packed` ones."""
+    """Raise InputError at `place` if `packed` bytes inflate to too many (`size`)."""
     if size > max(ALWAYS_FITS, MAX_INFLATION * packed):
-        fault = f"{in_words(packed)} of it become {in_words(size)} or more"
+        fault = f"{format_bytes(packed)} of it become {format_bytes(size)} or more"
         raise input_error(place, fault, "unpack it, and name what was in it")
 
 
@@ -231,7 +233,7 @@ def free_memory() -> int:
     return max(0, min(free))
 
 
-def in_words(size: int) -> str:
+def format_bytes(size: int) -> str:
     """Return a number of bytes as a person reads it: 6.7 GB."""
     units = ("bytes", "kB", "MB", "GB", "TB", "PB")
     power = min((len(str(size)) - 1) // 3, len(units) - 1)

@@ -81,11 +81,11 @@ class Layout(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The name without `shapefit-`: landmarks, shapes, result or dictionary."""
+        """The kind of file: landmarks, shapes, result or dictionary."""
         return self.name.removeprefix("shapefit-")
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset with so many axes has rows for items, by its name.
+        """Whether a dataset of this name and number of axes has a row for each item.
 
         That is for files that do not state it.
         """
@@ -94,7 +94,10 @@ class Layout(NamedTuple):
 
 
 def _layout_of(name: str, record: type[Items], unmarked: str) -> Layout:
-    """Return the layout of the files of a class of records."""
+    """Make the layout of files of a class of records, from the fields of the class.
+
+    `unmarked` are names of datasets, with spaces between.
+    """
     columns = {column.name: column for column in columns_of(record)}
     # Names of landmarks and items have a default in memory; every file has them.
     for field in ("landmark_names", "item"):
@@ -175,7 +178,7 @@ LAYOUT_OF = {Landmarks: LANDMARKS, Shapes: SHAPES, Fit: RESULTS}
 
 
 def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
-    """Return name -> free name of each dataset in a file that has those in `taken`.
+    """Return name -> name of each dataset, renamed where it is one of those `taken`.
 
     `input_` is put before a name that is taken, or whose group is, until it is free.
     """

@@ -12,7 +12,7 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.csv_file import Table
 from shapefit.io.options import InputOptions
-from shapefit.io.source import as_pixels, find_pixels, source_of_stream
+from shapefit.io.source import as_pixels, find_pixel_scale, source_of_stream
 from shapefit.records.landmarks import Landmarks
 
 STANDARD_INPUT = Path("-")
@@ -34,9 +34,10 @@ class LiveLandmarks:
     """
 
     def __init__(self, options: InputOptions, landmarks: Sequence[str]) -> None:
-        """Read the header; `landmarks` are those of a dictionary, by their new names.
+        """Read the header of standard input; `landmarks` are a dictionary's names.
 
-        Raises InputError for a header that is none.
+        Those are names after `options.rename`. Raises InputError for a header that is
+        none.
         """
         self._options = options
         self._table = Table(STANDARD_INPUT, "landmarks", live=True)
@@ -51,7 +52,7 @@ class LiveLandmarks:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a note of landmarks that were passed over, if there are any."""
+        """A note on landmarks that were left out, () where there are none."""
         if not self._left_out:
             return ()
         names = [*self._left_out]
@@ -59,7 +60,7 @@ class LiveLandmarks:
         return (f"{self._table.name}: {text} ({abbreviate(names)})",)
 
     def items(self) -> Iterator[Landmarks]:
-        """Yield each item when it is complete, and one empty set where there is none.
+        """Yield each item when it is complete; one empty record if there are no items.
 
         Raises InputError for wrong cells, an item that returns, and a landmark that the
         first item lacks and the dictionary may have.
@@ -67,37 +68,38 @@ class LiveLandmarks:
         current = ""
         present: set[str] = set()
         for cells in self._table.blocks:
-            items, _ = cells.texts("item")
+            items, _ = cells.unique_texts("item")
             for rows in split_runs(np.diff(items) != 0, len(items)):
-                of_run = cells.part(rows)
+                of_run = cells.select_rows(rows)
                 item = of_run.cell("item", 0)
-                landmarks = of_run.listed("landmark")
+                landmarks = of_run.column_texts("landmark")
                 if item != current and self._table.size:
-                    yield self._complete()
+                    yield self._pop_item()
                 self._check_landmarks(of_run.lines, landmarks)
                 if hash(item) in self._written:
-                    if item == current and not self._are_known(landmarks):
+                    if item == current and not self._are_in_first(landmarks):
                         continue
                     fault = f"item '{item}' returns after its shape was written"
                     place = f"{self._table.name}:{of_run.lines[0]}"
                     raise input_error(place, fault, TOGETHER)
                 if item != current:
                     current, present = item, set()
-                self._table.take(of_run)
+                self._table.add(of_run)
                 present.update(landmarks)
                 if present >= (set(self._names) or self._wanted):
-                    yield self._complete()
+                    yield self._pop_item()
         if self._table.size or not self.count:
-            yield self._complete()
+            yield self._pop_item()
 
-    def _are_known(self, landmarks: Sequence[str]) -> bool:
-        """Whether the first item has any of these."""
+    def _are_in_first(self, landmarks: Sequence[str]) -> bool:
+        """Whether the first item has any of these landmarks."""
         return not set(self._names).isdisjoint(landmarks)
 
     def _check_landmarks(self, lines: Integers, landmarks: Sequence[str]) -> None:
-        """Note landmarks that the first item lacks.
+        """Collect, for `notes`, those of these landmarks that the first item lacks.
 
-        Raises InputError where that lacks others of the dictionary, too.
+        `lines` are their line numbers. Raises InputError where the first item lacks
+        landmarks of the dictionary, too.
         """
         if self.head is None or set(self._names).issuperset(landmarks):
             return
@@ -111,14 +113,14 @@ class LiveLandmarks:
             raise input_error(f"{self._table.name}:{lines[others[0]]}", fault, fix)
         self._left_out.update(dict.fromkeys(landmarks[row] for row in others))
 
-    def _complete(self) -> Landmarks:
-        """Return the item of the table, which is complete, as the options want it."""
+    def _pop_item(self) -> Landmarks:
+        """Remove the complete item from the table; return it with options applied."""
         images = self._table.pop_all()
         assert isinstance(images, Landmarks), "as the table was opened"
         name = self._table.name
         if self.head is None:
             self._names = tuple(images.landmark_names)
-            self._pixels = find_pixels(images, self._options, name)
+            self._pixels = find_pixel_scale(images, self._options, name)
         images = arrange(images, self._names, name, omit=True)
         if self._pixels is not None:
             images = as_pixels(images, self._pixels)
@@ -134,7 +136,7 @@ class LiveLandmarks:
         return images
 
     def _remember(self, items: Sequence[str]) -> None:
-        """Remember items as given out, and forget those of long ago."""
+        """Store hashes of items that are yielded, the last MAX_REMEMBERED of them."""
         self._written.update(dict.fromkeys(map(hash, items)))
         while len(self._written) > MAX_REMEMBERED:
             del self._written[next(iter(self._written))]

@@ -33,7 +33,7 @@ IN_SOME_FILES = ("confidence", TIME, EDGES)
 def merge_heads(
     files: Sequence[SourceFile[Record]], y_axis: Direction | None
 ) -> Record:
-    """Return one head (a record without rows) for all files, which have it in common.
+    """Merge heads of files (records without rows) into one; check that they agree.
 
     The landmarks of images are those of all files in order of appearance, those of
     shapes and of results are the same in all. What differs between files of images, as
@@ -83,7 +83,7 @@ def merge_heads(
 def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
     """Raise InputError for a column that is not in all files, or not as in the first.
 
-    Those that need not be in all do not count.
+    Columns that may be in some files alone are not checked.
     """
     optional = {*IN_SOME_FILES, "landmark_names", "item", "sequence"}
     without_frames = [head for head in heads if head.frames is None]
@@ -97,9 +97,9 @@ def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
 
 
 def _join_columns(heads: Sequence[Items]) -> dict[str, object]:
-    """Return the fields and extras that any head has.
+    """Return field -> value for all columns that any head has, extras among them.
 
-    What is of the file is that of the first that has it.
+    What is not per item is that of the first head that has it.
     """
     changes: dict[str, object] = {}
     extras: dict[str, Array] = {}
@@ -116,7 +116,7 @@ def _join_columns(heads: Sequence[Items]) -> dict[str, object]:
 
 
 def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
-    """Raise InputError at the file of two that lacks a landmark of the other."""
+    """Raise InputError unless two (file, landmark names) have the same landmarks."""
     (_, first), (_, second) = files
     common = [name for name in first if name in set(second)]
     for (place, names), (other, others) in (files, files[::-1]):
@@ -137,7 +137,7 @@ def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
 
 
 def align_to(part: Record, head: Record, file: str) -> Record:
-    """Return a part of one file with the landmarks and columns of the whole source."""
+    """Return rows of one file with the landmarks and columns of a source's head."""
     n = len(part)
     part = _repeat_per_item(part, head.extras)
     changes: dict[str, object] = {}
@@ -166,13 +166,13 @@ def align_to(part: Record, head: Record, file: str) -> Record:
 
 
 def _lacks_confidence(part: Items, head: Items) -> bool:
-    """Whether other files of a source have confidences, and this part has none."""
+    """Whether a source has confidences, by its head, and a part of a file has none."""
     wanted = head.column("confidence") is not None
     return wanted and part.column("confidence") is None
 
 
 def _repeat_per_item(record: Record, names: Collection[str]) -> Record:
-    """Return a record with these datasets of its file repeated, a row for each item."""
+    """Turn file extras `names` into extras, each value repeated for every item."""
     extras = {
         name: np.broadcast_to(value, (len(record), *value.shape))
         for name, value in record.file_extras.items()
@@ -197,16 +197,19 @@ def _have_same_column(first: Items, head: Items, name: str) -> bool:
 
 
 def _common_value(
-    what: str, places: Sequence[str], stated: Sequence[Stated | None]
+    name: str, places: Sequence[str], values: Sequence[Stated | None]
 ) -> Stated | None:
-    """Return what all places state, None if none does; InputError where two differ."""
+    """Return the value that files state, None if none does; InputError if two differ.
+
+    `places` name the files, `name` the value in the message.
+    """
     place_of = {
-        v: place for place, v in zip(places, stated, strict=True) if v is not None
+        v: place for place, v in zip(places, values, strict=True) if v is not None
     }
     if not place_of:
         return None
     first, *others = place_of
     for value in others:
-        fault = f"its {what} is '{value}', that of {place_of[first]} is '{first}'"
+        fault = f"its {name} is '{value}', that of {place_of[first]} is '{first}'"
         raise input_error(place_of[value], fault, SEPARATELY)
     return first

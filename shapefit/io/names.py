@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def numbers_of(names: Sequence[str]) -> list[int] | None:
-    """Return names of landmarks as integers if all are numbers, else None."""
+    """Return landmark names as integers if all of them are numbers, else None."""
     numbers = [int(name) for name in names if name.isdecimal()]
     return numbers if names and len(numbers) == len(names) else None
 
@@ -31,7 +31,7 @@ def numbers_of(names: Sequence[str]) -> list[int] | None:
 def check_numbering(
     have: Sequence[str], want: Sequence[str], place: str, other: str
 ) -> tuple[str, ...]:
-    """Return a warning where one side may count from 0 and the other from 1, else ().
+    """Return a warning if one list of names may count from 0, the other from 1, or ().
 
     `want` are the names in `other`, a dictionary, a truth or a skeleton. Raises
     InputError at `place` where they must be.
@@ -82,16 +82,16 @@ def match_landmarks(
 
 
 def nearest_names(name: str, names: Sequence[str]) -> list[str]:
-    """Return the up to three of the names that look most like a name."""
+    """Return up to three of `names`, those most similar to `name`."""
     from difflib import get_close_matches  # for messages alone
 
     return get_close_matches(name, names, n=3, cutoff=0.5)
 
 
-def renamed(
+def rename_landmarks(
     names: Sequence[str], rename: Mapping[str, str], place: str
 ) -> tuple[str, ...]:
-    """Return the names after `rename` (old name -> new).
+    """Return landmark names after `rename` (old name -> new).
 
     Raises InputError at `place` where two landmarks would have one name.
     """
@@ -117,8 +117,8 @@ HipL.
 """
 
 
-def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Return positions (left, right) of landmarks whose names differ in side alone."""
+def find_side_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return index pairs (left, right) of landmarks whose names differ only in side."""
     place = {name: number for number, name in enumerate(names)}
     pairs = {}
     for name, number in place.items():
@@ -132,7 +132,7 @@ def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
 def prefix_with_file(
     files: Sequence[SourceFile[Record]],
 ) -> tuple[Sequence[SourceFile[Record]], tuple[str, ...]]:
-    """Return files, the file's name before each item if two have the same, and a note.
+    """Put file names before items if two files share one; return files and a note.
 
     Raises InputError for items that are twice in a file, and for files of one name.
     """
@@ -156,22 +156,23 @@ def prefix_with_file(
 
 
 def _find_shared_item(files: Sequence[SourceFile[Record]]) -> str | None:
-    """Return an item that two files have, None where there is none.
+    """Return the name of an item that two files have, None where there is none.
 
     Raises InputError for items that are twice in a file. Only names whose hash is there
     twice are read again and compared: 8 bytes for each item.
     """
 
-    def names(file: SourceFile[Record]) -> Iterator[str]:
+    def item_names(file: SourceFile[Record]) -> Iterator[str]:
+        """Yield the name of each item of a file."""
         return chain.from_iterable(file.blocks("item"))
 
-    everything = chain.from_iterable(map(names, files))
+    everything = chain.from_iterable(map(item_names, files))
     hashes = np.sort(np.fromiter(map(hash, everything), np.int64))
     again = set(hashes[1:][hashes[1:] == hashes[:-1]].tolist())
     first: dict[str, tuple[SourceFile[Record], int]] = {}
     shared, problems = None, []
     items = (
-        (file, row, name) for file in files for row, name in enumerate(names(file))
+        (file, row, name) for file in files for row, name in enumerate(item_names(file))
     )
     for file, row, name in items if again else ():
         if hash(name) not in again:

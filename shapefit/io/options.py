@@ -39,8 +39,8 @@ class InputOptions:
     every: int = 1
 
     @property
-    def thins(self) -> bool:
-        """Whether some frames are left out."""
+    def skips_frames(self) -> bool:
+        """Whether some frames are left out, by `every` or `frames`."""
         return self.every > 1 or self.frames != (None, None)
 
 
@@ -48,7 +48,7 @@ AS_THEY_ARE = InputOptions()
 
 
 def input_options(config: object, track: Track = "none") -> InputOptions:
-    """Return the options with which files are read, from the keys of a config."""
+    """Return the options for reading files, from the keys of a command's config."""
     keys = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
     given = {key: getattr(config, key) for key in keys if hasattr(config, key)}
     least = getattr(config, "min_confidence", None) or 0.0
@@ -102,7 +102,7 @@ class RecordWriter(Generic[Record]):
         self.seal: dict[str, str] | None = None
 
     def append(self, record: Record) -> None:
-        """Write the items of a record after those that are there."""
+        """Write the items of a record after those already written."""
         raise NotImplementedError
 
     def check_begun(self) -> None:

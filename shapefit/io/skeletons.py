@@ -55,7 +55,7 @@ by OpenPose in four cameras; the standard deviations cover six others.
 
 
 class BodyPart(NamedTuple):
-    """A part of the body among the joints x: w = (fixed + sum_k theta_k along_k) x + e.
+    """A part of the body placed by joints x: w = (fixed + sum_k theta_k along_k) x + e.
 
     It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts.
     Weights in `fixed` add up to 1, those in `along`, by parameter, to 0; `std` is the
@@ -70,11 +70,14 @@ class BodyPart(NamedTuple):
 
     @property
     def joints(self) -> set[str]:
-        """The joints between which it lies."""
+        """The names of the joints that place the part."""
         return set(self.fixed).union(*self.along.values())
 
     def weights(self, theta: Mapping[str, float]) -> dict[str, float]:
-        """Return the weights of the joints that give the part, at proportions theta."""
+        """Return joint -> weight fixed + sum_k theta_k along_k, for body proportions.
+
+        theta has the components of THETA.
+        """
         total = dict(self.fixed)
         for name, along in self.along.items():
             for joint, weight in along.items():
@@ -93,7 +96,7 @@ class Skeleton(NamedTuple):
 
 
 @cache
-def _data() -> Any:
+def _skeleton_data() -> Any:
     """Return the content of `data/skeletons.toml`.
 
     It is read in 2 ms (YAML takes 35), and only where landmarks are not joints.
@@ -106,32 +109,32 @@ def _data() -> Any:
 
 @cache
 def installed_skeletons() -> Mapping[str, Skeleton]:
-    """Return the skeletons of detectors by their names."""
+    """Return the installed skeletons of detectors by their names."""
     skeletons = {}
-    for name, rows in _data()["skeletons"].items():
+    for name, rows in _skeleton_data()["skeletons"].items():
         names = tuple(rows["landmarks"].split())
-        skeletons[name] = Skeleton(name, names, _bones(rows["bones"]))
+        skeletons[name] = Skeleton(name, names, _parse_bones(rows["bones"]))
     return skeletons
 
 
-def _bones(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the bones, pairs of names, that `a-b-c d-e` writes as chains."""
+def _parse_bones(text: str) -> tuple[tuple[str, str], ...]:
+    """Parse chains of names, `a-b-c d-e`, into bones: (a, b), (b, c), (d, e)."""
     return tuple(pair for chain in text.split() for pair in pairwise(chain.split("-")))
 
 
 def skeletons_of_size(count: int) -> tuple[str, ...]:
-    """Return the names of the skeletons of `count` landmarks, the usual one first."""
+    """Return names of skeletons with `count` landmarks, the most usual one first."""
     skeletons = installed_skeletons().values()
     return tuple(one.name for one in skeletons if len(one.landmark_names) == count)
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Return the bones between landmarks, as pairs of positions; () if none are known.
+    """Return the bones between landmarks as index pairs, () if no skeleton has them.
 
     They are those of the skeleton that names most of the landmarks, if more than half.
     """
     place = {name: number for number, name in enumerate(names)}
-    bones = [_bones(text) for text in _data()["further_bones"].values()]
+    bones = [_parse_bones(text) for text in _skeleton_data()["further_bones"].values()]
     bones[1:1] = [skeleton.bones for skeleton in installed_skeletons().values()]
     marked = [
         len({name for pair in pairs for name in pair} & place.keys()) for pairs in bones
@@ -143,54 +146,54 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 
 @cache
-def parts_of_the_body() -> Mapping[str, BodyPart]:
-    """Return joints, and parts of the body that detectors mark, by their names."""
+def body_parts() -> Mapping[str, BodyPart]:
+    """Return name -> BodyPart for joints, and other parts that detectors mark."""
     joints = {joint: BodyPart(joint, {joint: 1.0}) for joint in JOINTS}
     return joints | {
-        name: BodyPart(**values) for name, values in _data()["parts"].items()
+        name: BodyPart(**values) for name, values in _skeleton_data()["parts"].items()
     }
 
 
 @cache
-def _part_of_each_mark() -> Mapping[str, str]:
-    """Return landmark of a detector -> the part of the body that it marks."""
+def _part_of_landmark() -> Mapping[str, str]:
+    """Return landmark of a detector -> name of the part of the body that it marks."""
     return {
         name: part
-        for part, names in _data()["marked"].items()
+        for part, names in _skeleton_data()["marked"].items()
         for name in names.split()
     }
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
-    """Return name -> part of the body, of names that are joints or mark a part."""
-    part_of = {**{joint: joint for joint in JOINTS}, **_part_of_each_mark()}
+    """Return landmark -> name of its part of the body, for landmarks that have one."""
+    part_of = {**{joint: joint for joint in JOINTS}, **_part_of_landmark()}
     return {name: part_of[name] for name in names if name in part_of}
 
 
 def people_parts(names: Iterable[str]) -> dict[str, BodyPart]:
-    """Return name -> BodyPart, of those names that mark a part of the body."""
+    """Return landmark -> BodyPart for those detector landmarks that mark a part."""
     others = [name for name in names if name not in JOINTS]
     return {
-        name: parts_of_the_body()[_part_of_each_mark()[name]]
+        name: body_parts()[_part_of_landmark()[name]]
         for name in others
-        if name in _part_of_each_mark()
+        if name in _part_of_landmark()
     }
 
 
 def people_joints(names: Iterable[str]) -> dict[str, str]:
-    """Return name -> joint of the dictionary `people`, of names that mark one alone."""
+    """Return landmark -> joint of `people`, for landmarks that each mark one joint."""
     parts = people_parts(names).items()
     return {name: part.joint for name, part in parts if part.joint and part.alone}
 
 
 def joint_columns(names: Sequence[str]) -> dict[str, int]:
-    """Return joint -> column of its landmark, by the names of an installed skeleton."""
+    """Return joint -> index of its landmark in `names`, those of a known skeleton."""
     joints = {name: name for name in names if name in JOINTS} | people_joints(names)
     return {joints[name]: column for column, name in enumerate(names) if name in joints}
 
 
 def model_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of landmarks in the OpenSim models of Pose2Sim.
+    """Return the names that landmarks have in the OpenSim models of Pose2Sim.
 
     They are the detectors' own, but for the middle of the hips of `body_25` and for
     `coco_17`.

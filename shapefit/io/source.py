@@ -19,7 +19,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
     CENTRED,
-    Place,
+    PlaceNamer,
     check_values,
     place_in_memory,
     warn_of_codes,
@@ -29,7 +29,7 @@ from shapefit.io.formats import (
     CSV,
     HDF5,
     FileFormat,
-    check_holds,
+    check_our_format,
     our_format,
     record_writer,
 )
@@ -44,7 +44,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.merge import align_to, merge_heads
-from shapefit.io.names import match_landmarks, prefix_with_file, renamed
+from shapefit.io.names import match_landmarks, prefix_with_file, rename_landmarks
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.records.fit import Fit
 from shapefit.records.frames import check_frames, order_by_frame
@@ -108,7 +108,7 @@ def open_results(
     head: bool = False,
     old: bool = False,
 ) -> ResultSource:
-    """Open files of results as one source, but for the datasets `without`.
+    """Open files of results as one source that does not read the datasets `without`.
 
     All else is as in `open_landmarks`; with `old` those of version 1 are read, too.
     """
@@ -160,7 +160,7 @@ def source_of(
     if order is not None:
         record = record.take(order)
     file: SourceFile[Record] = SourceFile.of(name, record, place, y_axis=record.y_axis)
-    files = [_with_doubts(file)]
+    files = [_warn_of_codes_in(file)]
     options = InputOptions(rename=rename)
     return Source(_with_options(type(record), files, options, gaps))
 
@@ -168,13 +168,13 @@ def source_of(
 def source_of_stream(
     images: Landmarks, name: str, options: InputOptions
 ) -> LandmarkSource:
-    """Return images of a stream as a source, checked and changed as those of a file.
+    """Return images from a pipe as a source, which checks them and applies `options`.
 
     Frames are as they come, and landmarks in pixels already.
     """
     file = SourceFile.of(name, images)
     if options.keypoints is not None:
-        file = _named_by_skeleton(file, options.keypoints)
+        file = _name_by_skeleton(file, options.keypoints)
     prepared = _with_options(Landmarks, [file], options, gaps=False)
     return Source(prepared, options.y_axis)
 
@@ -182,13 +182,13 @@ def source_of_stream(
 def read_shapes(
     paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
 ) -> Shapes:
-    """Read shapes from files of any format as one set, as `open_shapes` opens them."""
+    """Read shapes from files of any format as one record, see `open_shapes`."""
     with open_shapes(paths, options, gaps=gaps) as source:
         return source.whole()
 
 
 def read_results(path: Path, *, proofs: bool = False) -> Fit:
-    """Read a result as one Fit, with what proves its optimum if `proofs` is true."""
+    """Read a result file as one Fit; with `proofs` its certificate datasets, too."""
     with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
@@ -206,18 +206,17 @@ def write_shapes(path: Path, shapes: Shapes) -> None:
 class SourceFile(Generic[Record]):
     """One file of a source, of which some rows can be read.
 
-    `read` returns the items of some rows, of none what all have in common; texts reads
-    the dataset item or sequence of some rows; `place` names a row of a dataset in
-    messages; y_axis is None where the file does not say it; estimate is the number of
-    items in the file, if only the first `count` were read; left_out, how many others
-    the options leave out.
+    `read` returns the items of some rows as a record; texts reads the dataset item or
+    sequence of some rows; `place` names a row of a dataset in messages; y_axis is None
+    where the file does not say it; estimate is the number of items in the file, if only
+    the first `count` were read; left_out, how many others the options leave out.
     """
 
     name: str
     count: int
     read: Callable[[slice], Record]
     texts: Callable[[str, slice], Sequence[str]]
-    place: Place
+    place: PlaceNamer
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
@@ -229,13 +228,13 @@ class SourceFile(Generic[Record]):
         cls,
         name: str,
         record: Record,
-        place: Place | None = None,
+        place: PlaceNamer | None = None,
         *,
         notes: tuple[str, ...] = (),
         y_axis: Direction | None = None,
         estimate: int = 0,
     ) -> SourceFile[Record]:
-        """Return a record in memory as a file of a source.
+        """Make a file of a source from a record in memory.
 
         Without `place` messages name the item.
         """
@@ -256,9 +255,9 @@ class SourceFile(Generic[Record]):
         return self.read(slice(0, 0))
 
     def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
-        """Yield the texts of the dataset item or sequence, block by block.
+        """Yield names of items or sequences (`dataset`), ITEMS_PER_BLOCK at a time.
 
-        They are empty where there is none.
+        They are empty where there is no such dataset.
         """
         missing = dataset == "sequence" and self.head.sequences is None
         for start in range(0, self.count, ITEMS_PER_BLOCK):
@@ -270,28 +269,36 @@ class SourceFile(Generic[Record]):
             )
 
     def with_prefix(self, prefix: str) -> Self:
-        """Return the file with `prefix/` before its items and sequences."""
+        """Return the file with `prefix/` before the names of items and sequences."""
 
-        def longer(texts: Sequence[str]) -> tuple[str, ...]:
+        def add_prefix(texts: Sequence[str]) -> tuple[str, ...]:
+            """Return texts with the prefix; "" stays."""
             return tuple(text and f"{prefix}/{text}" for text in texts)
 
         def read(rows: slice) -> Record:
-            records = self.read(rows)
-            sequences = None if records.sequences is None else longer(records.sequences)
-            return replace(records, items=longer(records.items), sequences=sequences)
+            """Read some rows of the file, their names with the prefix."""
+            record = self.read(rows)
+            sequences = record.sequences
+            if sequences is not None:
+                sequences = add_prefix(sequences)
+            return replace(record, items=add_prefix(record.items), sequences=sequences)
 
-        return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
+        def texts(dataset: str, rows: slice) -> Sequence[str]:
+            """Read the items or sequences of some rows, with the prefix."""
+            return add_prefix(self.texts(dataset, rows))
+
+        return replace(self, read=read, texts=texts)
 
 
 def _column_texts(record: Items, dataset: str) -> Sequence[str]:
-    """Return the texts of the dataset item or sequence; () without sequences."""
+    """Return a record's items or sequences, by their dataset; () without sequences."""
     return record.items if dataset == "item" else record.sequences or ()
 
 
 class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
-    `head` has all but the items: their landmarks, unit, columns; `count` is how many
+    `head` is the record without items: landmarks, unit, columns; `count` is how many
     items there are, `estimate` how many the files have if only their first ones were
     read, `left_out` how many were left out by the options; `notes` are warnings about
     what was left out of the files.
@@ -304,7 +311,7 @@ class Source(Generic[Record]):
         *,
         check: bool = True,
     ) -> None:
-        """Take files, and where y points in those that do not say it.
+        """Join files into one source; `y_axis` is that of files that do not state it.
 
         Raises InputError for files that do not go together, and, if `check`, for an
         item that is twice in one; where two files have an item, all items begin with
@@ -323,10 +330,10 @@ class Source(Generic[Record]):
         self.states_y_axis = any(file.y_axis is not None for file in files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
-        """Yield the items in order, `size` >= 1 at a time, the last ones fewer.
+        """Yield records of `size` >= 1 items in order, the last one of fewer.
 
-        With `by_file` none of two files are together. A source without items gives one
-        empty set, so that what is made of it can be written.
+        With `by_file` none has items of two files. A source without items gives one
+        empty record, so that what is made of it can be written.
         """
         parts: list[Record] = []
         remaining = size
@@ -344,8 +351,8 @@ class Source(Generic[Record]):
         if parts or not self.count:
             yield concatenate(parts) if parts else self.head
 
-    def chosen(self, rows: NDArray[np.intp], size: int) -> Iterator[Record]:
-        """Give out the items of these rows, which ascend, from batches of `size`."""
+    def select(self, rows: NDArray[np.intp], size: int) -> Iterator[Record]:
+        """Yield the items at `rows` (ascending), read in batches of `size` items."""
         start = 0
         for batch in self.batches(size):
             first, last = np.searchsorted(rows, [start, start + len(batch)])
@@ -354,19 +361,19 @@ class Source(Generic[Record]):
             start += len(batch)
 
     def first(self, count: int) -> Record:
-        """Return the first items, at most `count`."""
+        """Return the first `count` items as one record, or all if there are fewer."""
         return next(self.batches(count))
 
     def whole(self) -> Record:
         """Return all items as one record."""
         return self.first(max(self.count, 1))
 
-    def names(self) -> Iterator[Sequence[str]]:
+    def item_names(self) -> Iterator[Sequence[str]]:
         """Yield the names of all items, block by block."""
         return chain.from_iterable(file.blocks("item") for file in self._files)
 
     def sequences(self) -> Iterator[Sequence[str]]:
-        """Yield the sequences of all items, block by block; "" where there is none."""
+        """Yield the name of each item's sequence, block by block; "" without one."""
         return chain.from_iterable(file.blocks("sequence") for file in self._files)
 
     def __enter__(self) -> Self:
@@ -398,38 +405,36 @@ def _open_files(
     without: Collection[str] = (),
     old: bool = False,
 ) -> Source[Record]:
-    """Open files of one kind of records, each in its format, as one source.
+    """Open files as one source of records of class `kind`, each in its format.
 
+    The other arguments are those of `open_landmarks`, `open_shapes` and `open_results`.
     Other tools' readers are imported if needed.
     """
-    form = LAYOUT_OF[kind]
-    readers = _Readers(form, old)
+    layout = LAYOUT_OF[kind]
+    readers = _Readers(layout, old)
     files: list[SourceFile[Record]] = []
-    for file_format, group in _group(list(dict.fromkeys(paths)), options):
+    for file_format, group in _group_paths(list(dict.fromkeys(paths)), options):
         if file_format.read_poses is not None and kind is not Fit:
-            files.append(
-                _with_chosen_frames(
-                    _file_of_poses(kind, file_format, group, options), options
-                )
-            )
+            file = _file_of_poses(kind, file_format, group, options)
+            files.append(_select_frames(file, options))
             continue
-        check_holds(group[0], form.kind, file_format)
+        check_our_format(group[0], layout.kind, file_format)
         if options.individual is not None:
             fix = "write that individual to a file by `shapefit convert`, and use this"
             raise input_error(group[0], "`individual` is for files of other tools", fix)
         if file_format is HDF5:
-            of_file = None if options.thins else rows
+            of_file = None if options.skips_frames else rows
             file = _file_of_hdf5(kind, group[0], readers, of_file, without)
-            file = _with_chosen_frames(file, options, rows)
+            file = _select_frames(file, options, rows)
         else:
-            file = _with_chosen_frames(_file_of_csv(kind, group[0], head=head), options)
+            file = _select_frames(_file_of_csv(kind, group[0], head=head), options)
         if kind is not Fit and options.keypoints is not None:
-            file = _named_by_skeleton(file, options.keypoints)
+            file = _name_by_skeleton(file, options.keypoints)
         if kind is Landmarks and not head:
-            file = _in_pixels(file, options)
+            file = _convert_to_pixels(file, options)
         files.append(file)
     if kind is not Fit:
-        files = [*map(_with_doubts, files)]
+        files = [*map(_warn_of_codes_in, files)]
     prepared = _with_options(kind, files, options, gaps, check=not head)
     return Source(prepared, options.y_axis, check=not head)
 
@@ -437,13 +442,13 @@ def _open_files(
 class _Readers:
     """Readers of HDF5 files of one layout, of which a few stay open."""
 
-    def __init__(self, form: Layout, old: bool) -> None:
-        self._form = form
+    def __init__(self, layout: Layout, old: bool) -> None:
+        self._layout = layout
         self._old = old
         self._opened = lru_cache(MAX_OPEN)(self._open)
 
     def open(self, path: Path) -> Hdf5Reader:
-        """Return the reader of a file, which opens it if it is not open."""
+        """Return the reader of a file; open the file if it is not open."""
         return self._opened(path)
 
     def close(self) -> None:
@@ -451,16 +456,16 @@ class _Readers:
         self._opened.cache_clear()
 
     def _open(self, path: Path) -> Hdf5Reader:
-        """Return a new reader of a file."""
+        """Open a file, and return its reader."""
         from shapefit.io.hdf5_file import Hdf5Reader
 
-        return Hdf5Reader(path, self._form, old=self._old)
+        return Hdf5Reader(path, self._layout, old=self._old)
 
 
-def _group(
+def _group_paths(
     paths: Sequence[Path], options: InputOptions
 ) -> Sequence[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return formats with their files; files that belong together are one group."""
+    """Group input paths, one recording a group; return each group after its format."""
     groups = []
     for path in paths:
         ours = our_format(path) if options.format == "auto" else None
@@ -473,7 +478,7 @@ def _group(
 
 
 def _as_kind(kind: type[Record], record: Items) -> Record:
-    """Return a record unchanged, for the type checker: it must be of this kind."""
+    """Assert for the type checker that a record is of class `kind`, and return it."""
     assert isinstance(record, kind), f"{type(record).__name__} for {kind.__name__}"
     return record
 
@@ -484,34 +489,35 @@ def _file_of_poses(
     group: tuple[Path, ...],
     options: InputOptions,
 ) -> SourceFile[Record]:
-    """Read files of another tool that belong together, as one file of a source."""
+    """Read files of one recording by another tool as one file of a source."""
     from shapefit.io.readers import items
 
     record: Landmarks | Shapes
     if kind is Landmarks:
-        record, notes = items.landmarks_of_files(file_format, group, options)
+        record, notes = items.read_as_landmarks(file_format, group, options)
     else:
-        record, notes = items.shapes_of_files(file_format, group, options)
+        record, notes = items.read_as_shapes(file_format, group, options)
     stated = record.y_axis if file_format.states_y_axis else None
     name = source_name(group[0])
     return SourceFile.of(name, _as_kind(kind, record), notes=notes, y_axis=stated)
 
 
 def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]:
-    """Read a table of ours as a file of a source; with `head` its first rows only."""
+    """Read a tidy CSV table as a file of a source; with `head` its first rows only."""
     from shapefit.io.csv_file import Spool, read_csv, read_csv_head
 
     name = source_name(path)
-    form = LAYOUT_OF[kind]
+    layout = LAYOUT_OF[kind]
     if head:
-        first, share = read_csv_head(path, form.kind)
+        first, share = read_csv_head(path, layout.kind)
         estimate = round(len(first) / share)
         return SourceFile.of(name, _as_kind(kind, first), estimate=estimate)
-    table = read_csv(path, form.kind)
+    table = read_csv(path, layout.kind)
     if not isinstance(table, Spool):
         return SourceFile.of(name, _as_kind(kind, table))
 
     def place(_: str, row: int) -> str:
+        """Return how messages name a row: by its item."""
         item = table.take(slice(row, row + 1)).items[0]
         return f"{name}: item '{item}'"
 
@@ -524,15 +530,15 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
     )
 
 
-def _with_chosen_frames(
+def _select_frames(
     file: SourceFile[Record], options: InputOptions, rows: slice | None = None
 ) -> SourceFile[Record]:
-    """Return a file of the frames that the options ask for; of these only `rows`.
+    """Restrict a file to the options' `frames` and `every`; of these only `rows`.
 
     Frames keep their numbers and times. Without numbers, their places in the sequence
     count, or those of single images in the file.
     """
-    if not options.thins:
+    if not options.skips_frames:
         return file
     numbers, are_places = _numbers_of_frames(file)
     first, stop = options.frames
@@ -545,7 +551,7 @@ def _with_chosen_frames(
     chosen = chosen[rows or slice(None)]
 
     def span(part: slice) -> tuple[slice, NDArray[np.intp]]:
-        """Return the rows of the file that hold a part of the chosen, and which."""
+        """Return file rows that span a part of the chosen frames, and which to take."""
         wanted = chosen[part]
         begin = int(wanted[0]) if len(wanted) else 0
         end = int(wanted[-1]) + 1 if len(wanted) else 0
@@ -554,12 +560,13 @@ def _with_chosen_frames(
     def read(part: slice) -> Record:
         """Read a part of the chosen frames."""
         around, wanted = span(part)
-        records = file.read(around).take(wanted)
-        if are_places and records.sequences is not None:
-            return records.replaced(frames=numbers[chosen[part]])
-        return records
+        record = file.read(around).take(wanted)
+        if are_places and record.sequences is not None:
+            return record.replaced(frames=numbers[chosen[part]])
+        return record
 
     def texts(dataset: str, part: slice) -> Sequence[str]:
+        """Read the items or sequences of a part of the chosen frames."""
         around, wanted = span(part)
         every = file.texts(dataset, around)
         return [every[row] for row in wanted]
@@ -575,7 +582,10 @@ def _with_chosen_frames(
 
 
 def _numbers_of_frames(file: SourceFile[Record]) -> tuple[NDArray[np.int64], bool]:
-    """Return the number (n,) of the frame of each item, and whether they are places."""
+    """Return each item's frame number (n,), and whether it is counted, not stated.
+
+    Where the file has no frames it is the item's place in its sequence.
+    """
     numbers = []
     places: Counter[str] = Counter()
     for start in range(0, file.count, ITEMS_PER_BLOCK):
@@ -589,8 +599,8 @@ def _numbers_of_frames(file: SourceFile[Record]) -> tuple[NDArray[np.int64], boo
     return np.array(numbers, np.int64), file.head.frames is None
 
 
-def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:
-    """Return a file with a warning of numbers that may stand for missing landmarks."""
+def _warn_of_codes_in(file: SourceFile[Record]) -> SourceFile[Record]:
+    """Add warnings to a file's notes if codes such as -999 may mark missing points."""
     first = file.read(slice(0, min(file.count, ITEMS_PER_BLOCK)))
     codes = warn_of_codes(first.points, _weights_of(first))
     notes = tuple(f"{file.name}: {text}" for text in codes)
@@ -598,7 +608,7 @@ def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:
 
 
 def _weights_of(record: Items) -> Floats | None:
-    """Return the confidence (n, p) of landmarks, or shapes that have it, else None."""
+    """Return the confidences (n, p) of landmarks or shapes, None if they have none."""
     if isinstance(record, Landmarks):
         return record.confidence
     confidence = record.extras.get("confidence")
@@ -612,17 +622,17 @@ def _file_of_hdf5(
     rows: slice | None,
     without: Collection[str],
 ) -> SourceFile[Record]:
-    """Open some rows of an HDF5 file of ours, but for the datasets `without`.
+    """Open `rows` of a shapefit HDF5 file as a file of a source, without some datasets.
 
-    Its images and shapes come in order of their frames; where they stand in another,
-    they are read at once.
+    `without` names these. Its images and shapes come in order of their frames; where
+    they stand in another, they are read at once.
     """
     file = readers.open(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
     order = None if kind is Fit else _order_of_frames(file, str(path))
     if order is not None:
         part = order[start:stop]
-        record = file.records(slice(0, file.count), without)
+        record = file.read_record(slice(0, file.count), without)
         return SourceFile.of(
             str(path),
             _as_kind(kind, record).take(part),
@@ -631,13 +641,14 @@ def _file_of_hdf5(
         )
 
     def within(part: slice) -> slice:
+        """Return the rows of the file for a part of `rows`."""
         return slice(start + part.start, start + part.stop)
 
     return SourceFile(
         name=str(path),
         count=stop - start,
         read=lambda part: _as_kind(
-            kind, readers.open(path).records(within(part), without)
+            kind, readers.open(path).read_record(within(part), without)
         ),
         texts=lambda dataset, part: readers.open(path).read(dataset, within(part)),
         place=lambda dataset, row: f"{path}:/{dataset}[{start + row}]",
@@ -647,11 +658,11 @@ def _file_of_hdf5(
 
 
 def _order_of_frames(file: Hdf5Reader, place: str) -> NDArray[np.intp] | None:
-    """Return the order of an HDF5 file's rows by frame, None where they stand in it.
+    """Return the indices that sort an HDF5 file's rows by frame, None if it is sorted.
 
     Raises InputError at the place for two items in one frame.
     """
-    if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
+    if not (file.has_dataset(FRAME) and file.has_dataset("sequence")):
         return None
     sequences = file.read("sequence")
     frames = file.read(FRAME)
@@ -663,18 +674,18 @@ MIN_SHARE = 0.9
 """Of the shapes of a file in which a landmark that is used is known."""
 
 
-def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
-    """Return a file of shapes without those that lack a landmark, and notes of them.
+def _keep_complete(file: SourceFile[Record]) -> SourceFile[Record]:
+    """Leave out shapes of a file that lack a landmark (NaN), and add notes on them.
 
-    Landmarks that are mostly unknown are left out first. Raises InputError where no
-    landmark is known often.
+    Landmarks known in less than MIN_SHARE of the shapes are left out first. Raises
+    InputError where no landmark is known often.
     """
     if not file.count:
         return file
     known = _known_landmarks(file)
     if known.all():
         return file
-    from shapefit.io.readers.items import with_landmarks
+    from shapefit.io.readers.items import keep_shape_landmarks
 
     often = known.mean(axis=0) >= MIN_SHARE
     if not often.any():
@@ -684,26 +695,28 @@ def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
     names = np.array(file.head.landmark_names, object)
     whole = np.flatnonzero(known[:, often].all(axis=1))
 
-    def within(rows: slice) -> tuple[slice, NDArray[np.intp]]:
-        """Return the rows of the file that hold some of the whole shapes, and which."""
+    def span(rows: slice) -> tuple[slice, NDArray[np.intp]]:
+        """Return file rows that span some complete shapes, and which to take."""
         taken = whole[rows]
         first, end = (taken[0], taken[-1] + 1) if len(taken) else (0, 0)
         return slice(int(first), int(end)), taken - first
 
     def read(rows: slice) -> Record:
-        """Read some of the whole shapes, with the landmarks that are mostly known."""
-        around, taken = within(rows)
+        """Read some complete shapes, with the landmarks that are mostly known."""
+        around, taken = span(rows)
         record = file.read(around).take(taken)
         if often.all() or not isinstance(record, Shapes):
             return record
-        return with_landmarks(record, names[often])
+        return keep_shape_landmarks(record, names[often])
 
     def texts(dataset: str, rows: slice) -> Sequence[str]:
-        around, taken = within(rows)
+        """Read the items or sequences of some complete shapes."""
+        around, taken = span(rows)
         read_texts = file.texts(dataset, around)
         return [read_texts[row] for row in taken]
 
     def place(name: str, row: int | None = None) -> str:
+        """Return how messages name a dataset, or a complete shape in it."""
         return file.place(name, None if row is None else int(whole[row]))
 
     left_out = _notes_of_unknown(file, names[~often].tolist(), len(whole))
@@ -718,7 +731,7 @@ def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
 
 
 def _known_landmarks(file: SourceFile[Record]) -> Flags:
-    """Return which landmarks (n, p) of the shapes of a file are known."""
+    """Return a mask (n, p) of the landmarks of a file's shapes that are not NaN."""
     starts = range(0, file.count, ITEMS_PER_BLOCK)
     blocks = [
         slice(start, min(start + ITEMS_PER_BLOCK, file.count)) for start in starts
@@ -729,23 +742,23 @@ def _known_landmarks(file: SourceFile[Record]) -> Flags:
 
 
 def _notes_of_unknown(
-    file: SourceFile[Record], rare: Sequence[str], whole: int
+    file: SourceFile[Record], rare: Sequence[str], complete: int
 ) -> list[str]:
-    """Return notes on landmarks left out as rare, and on the shapes left out."""
+    """Return notes on `rare` landmarks left out, and on all but `complete` shapes."""
     notes = []
     if rare:
         text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
         text = f"{counted(len(rare), 'landmark')} {text} ({abbreviate(rare)})"
         notes.append(f"{file.name}: {text}")
-    omitted = file.count - whole
+    omitted = file.count - complete
     if omitted:
         text = f"{counted(omitted, 'shape')} left out, in which a landmark is unknown"
         notes.append(f"{file.name}: {text}")
     return notes
 
 
-def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Record]:
-    """Return a file whose landmarks, if numbers, have the names of the skeleton."""
+def _name_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Record]:
+    """Rename the landmarks of a file, if they are numbers, to those of a skeleton."""
     from shapefit.io.readers.items import name_numbers
 
     before = file.head.landmark_names
@@ -755,41 +768,44 @@ def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Re
     renames = dict(zip(before, names, strict=True))
 
     def read(rows: slice) -> Record:
+        """Read some rows of the file, with the names of the skeleton."""
         record = file.read(rows)
-        called = tuple(renames.get(name, name) for name in record.landmark_names)
-        return replace(record, landmark_names=called)
+        new_names = tuple(renames.get(name, name) for name in record.landmark_names)
+        return replace(record, landmark_names=new_names)
 
-    told = tuple(f"{file.name}: {text}" for text in notes)
-    return replace(file, read=read, notes=(*file.notes, *told))
+    named_notes = tuple(f"{file.name}: {text}" for text in notes)
+    return replace(file, read=read, notes=(*file.notes, *named_notes))
 
 
-def _in_pixels(file: SourceFile[Record], options: InputOptions) -> SourceFile[Record]:
-    """Return a file of images with landmarks in pixels, and a warning of many zeros.
+def _convert_to_pixels(
+    file: SourceFile[Record], options: InputOptions
+) -> SourceFile[Record]:
+    """Scale landmarks of a file to pixels if they are fractions of the image.
 
-    Raises InputError where the first are fractions of an image, and there is no
-    `image_size`.
+    Adds a warning where many are at (0, 0). Raises InputError where the first are
+    fractions, and there is no `image_size`.
     """
     images = file.read(slice(0, min(file.count, ITEMS_PER_BLOCK)))
     if images.column("confidence") is None:
         zeros = [f"{file.name}: {text}" for text in warn_of_zeros(images.points)]
         file = replace(file, notes=(*file.notes, *zeros))
-    size = find_pixels(images, options, file.name)
+    size = find_pixel_scale(images, options, file.name)
     if size is None:
         return file
 
     def read(rows: slice) -> Record:
+        """Read some rows of the file, in pixels."""
         return as_pixels(file.read(rows), size)
 
     return replace(file, read=read)
 
 
-def find_pixels(
+def find_pixel_scale(
     images: Items, options: InputOptions, name: str
 ) -> tuple[float, float] | None:
-    """Return the size of images by which landmarks that are fractions become pixels.
+    """Return the image size in pixels if landmarks are fractions of it, else None.
 
-    It is None where they are none. Raises InputError where they are, and there is no
-    `image_size`.
+    Raises InputError where they are, and the options have no `image_size`.
     """
     if images.unit not in ("px", UNKNOWN_UNIT) or not _are_fractions(images.points):
         return None
@@ -801,7 +817,7 @@ def find_pixels(
 
 
 def as_pixels(record: Record, size: tuple[float, float]) -> Record:
-    """Return images whose landmarks are pixels in place of fractions of a size."""
+    """Convert landmarks from fractions of the image `size` (x, y) to pixels."""
     return replace(record.with_points(record.points * np.array(size)), unit="px")
 
 
@@ -810,7 +826,7 @@ MAX_FRACTION = 1.5
 
 
 def _are_fractions(landmarks: Floats) -> bool:
-    """Whether landmarks look like fractions of an image, and not lie about a centre."""
+    """Whether landmarks are likely fractions of an image: small, and few negative."""
     values = landmarks[np.isfinite(landmarks)]
     if not values.any():
         return False
@@ -826,13 +842,13 @@ def _with_options(
     *,
     check: bool = True,
 ) -> list[SourceFile[Record]]:
-    """Return files whose reading checks the records and applies the options to them.
+    """Return files that check records as they are read, and apply options to them.
 
-    Points are whole, and hidden where their confidence is below the least; landmarks
-    are renamed, and only some of them retained.
+    A point with a NaN coordinate is all NaN. Landmarks are hidden where their
+    confidence is below the least, renamed, and only some of them retained.
     """
     if kind is Shapes and not gaps:
-        files = [*map(_without_unknown, files)]
+        files = [*map(_keep_complete, files)]
     if options.rename:
         names = dict.fromkeys(
             name for file in files for name in file.head.landmark_names
@@ -843,6 +859,7 @@ def _with_options(
         """Read some rows of a file, checked, and changed as the options say."""
 
         def place(dataset: str, row: int) -> str:
+            """Return how messages name a row that was read."""
             return file.place(dataset, rows.start + row)
 
         record = file.read(rows)
@@ -858,13 +875,13 @@ def _with_options(
 def _apply_options(
     record: Record, options: InputOptions, file: SourceFile[Record]
 ) -> Record:
-    """Return landmarks or shapes with landmarks renamed, hidden and selected."""
-    names = renamed(record.landmark_names, options.rename, file.name)
+    """Rename, hide and select the landmarks of a record, as the options say."""
+    names = rename_landmarks(record.landmark_names, options.rename, file.name)
     record = record.with_whole_points()
     if names != record.landmark_names:
         record = replace(record, landmark_names=names)
     if isinstance(record, Landmarks) and options.min_confidence:
-        record = without_doubtful(record, options.min_confidence)
+        record = hide_below(record, options.min_confidence)
     if options.landmarks is None:
         return record
     from shapefit.io.readers.items import keep_landmarks
@@ -872,11 +889,11 @@ def _apply_options(
     return keep_landmarks(record, options.landmarks, file.name)
 
 
-def without_doubtful(images: Record, least: float) -> Record:
-    """Return images with landmarks hidden whose confidence is below `least`."""
+def hide_below(images: Record, min_confidence: float) -> Record:
+    """Hide landmarks whose confidence is below `min_confidence`: NaN, confidence 0."""
     if not isinstance(images, Landmarks) or images.confidence is None:
         return images
-    doubtful = images.confidence < least
+    doubtful = images.confidence < min_confidence
     points = np.where(doubtful[..., None], np.nan, images.landmarks)
     weights = np.where(doubtful, 0, images.confidence)
     return replace(images, landmarks=points, confidence=weights)

@@ -22,8 +22,8 @@ class Unread(NamedTuple):
     recognise: Callable[[Head], bool]
 
 
-def name_unread(path: Path, head: Head) -> InputError | None:
-    """Return the error for a file of a known kind that is not read, else None."""
+def unread_error(path: Path, head: Head) -> InputError | None:
+    """Return the InputError for a file of a known format that is not read, or None."""
     kind = next((one for one in UNREAD if one.recognise(head)), None)
     if kind is None:
         return None
@@ -32,18 +32,18 @@ def name_unread(path: Path, head: Head) -> InputError | None:
 
 
 def describe_json(head: Head) -> str:
-    """Return a text on JSON of no known kind: the keys that it has."""
+    """Describe JSON of no known kind by its keys, for a message."""
     keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
     return f"is JSON of no known kind, {printable(keys)}"
 
 
 def _recognise_by_keys(*keys: str) -> Callable[[Head], bool]:
-    """Return a recogniser of JSON that has all these keys near its beginning."""
+    """Make a function of a Head: is it JSON with all these keys near its beginning?"""
     return lambda head: head.json is not None and {*keys} <= head.inner_keys
 
 
 def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
-    """Return a recogniser of files that begin with one of these, in any case."""
+    """Make a function of a Head: does it begin with one of these, in any case?"""
     lower = tuple(one.lower() for one in beginnings)
     return lambda head: head.text.lstrip().lower().startswith(lower)
 
@@ -51,12 +51,12 @@ def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
 def _recognise_by_suffix(
     *endings: str, begins: tuple[bytes, ...] = (b"",)
 ) -> Callable[[Head], bool]:
-    """Return a recogniser of files by the suffix of their name, and how they begin."""
-    return lambda head: head.named(*endings) and head.bytes.startswith(begins)
+    """Make a function of a Head: has it one of `endings`, and a start of `begins`?"""
+    return lambda head: head.has_suffix(*endings) and head.bytes.startswith(begins)
 
 
 def _recognise_by_lines(*patterns: str) -> Callable[[Head], bool]:
-    """Return a recogniser of texts that have a line of each pattern."""
+    """Make a function of a Head: has its text a line that matches each pattern?"""
     rows = [re.compile(one.encode(), re.MULTILINE | re.IGNORECASE) for one in patterns]
     return lambda head: all(row.search(head.text) for row in rows)
 
@@ -88,7 +88,7 @@ UNREAD = (
     Unread(
         "a MATLAB file",
         OF_MATLAB,
-        lambda head: head.named(".mat") or head.bytes.startswith(b"MATLAB "),
+        lambda head: head.has_suffix(".mat") or head.bytes.startswith(b"MATLAB "),
     ),
     Unread(
         "a file of NTSYS (NTS)",
@@ -133,7 +133,7 @@ UNREAD = (
     Unread(
         "a mesh (OBJ)",
         SHAPES_OF_MESH,
-        lambda head: head.named(".obj") and b"v " in head.text,
+        lambda head: head.has_suffix(".obj") and b"v " in head.text,
     ),
     Unread("a mesh (OFF)", SHAPES_OF_MESH, _recognise_by_suffix(".off")),
     Unread("an FBX file", "export BVH", _recognise_by_suffix(".fbx")),

@@ -77,7 +77,7 @@ class Program(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PerspectiveView:
-    """Where the shapes of n images are before a perspective camera.
+    """Where the shapes of n images are in front of a perspective camera.
 
     It sees X = R sum_i c_i B_i + translation. translation (n, 3), of the object's
     origin in the frame of the camera, in normalised units of the dictionary, nan where

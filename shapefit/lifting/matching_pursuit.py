@@ -333,10 +333,10 @@ def least_squares(D: Floats, P: Floats) -> Floats:
 
 
 def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """Return the scales s (n, 2) that minimise ||w - diag(s) R S||^2, and gains (n,).
+    """Solve w = diag(s) R S for scales s (n, 2) >= 0, from D = w S^T and P = S S^T.
 
-    s >= 0; the gain is how far the minimum is below ||w||^2. R (n, 2, 3), rows of
-    rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    By least squares. Returns s, and the gains (n,): how far ||w - diag(s) R S||^2 is
+    below ||w||^2. R (n, 2, 3), rows of rotations or 0; D (n, 2, 3), P (n, 3, 3).
     """
     overlap = np.maximum((D * R).sum(axis=2), 0.0)
     extent = (R @ P * R).sum(axis=2)
@@ -349,9 +349,9 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
     """Return the y (n, m) with ||y|| = radius that minimises y^T G y - 2 g^T y.
 
-    Of two the one nearer to `before`. G (n, m, m) symmetric, g and before (n, m). (G +
-    multiplier I) y = g, that matrix
-    positive semidefinite: at the largest root of
+    Of two the one nearer to `before`. G (n, m, m) symmetric, g and before (n, m). It
+    solves (G + multiplier I) y = g, that matrix positive semidefinite, at the largest
+    root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,
 

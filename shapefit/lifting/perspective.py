@@ -68,7 +68,7 @@ def refine_view(
     dictionary: Dictionary,
     threads: int = 0,
 ) -> Lifting[AtomEstimate]:
-    """Refine rotation, translation and coefficients of a lifting before a camera.
+    """Refine rotation, translation and coefficients of a lifting in perspective.
 
     landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in
     the problem stay left out; what a robust loss labelled is seen, for labels are at
@@ -174,7 +174,7 @@ def refine_perspective(
     max_rounds: int = MAX_REFINEMENT_ROUNDS,
     threads: int = 0,
 ) -> RefinedViews:
-    """Fit rotation, translation and coefficients of each image before a pinhole camera.
+    """Fit rotation, translation and coefficients of each image in perspective.
 
     min sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2 over R, t and c >= 0.
     s is the softness; max_rounds are those of an image. r_j = Omega_j (w_j - projection

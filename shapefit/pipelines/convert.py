@@ -39,9 +39,9 @@ from shapefit.io.source import (
     find_kind,
     open_results,
 )
-from shapefit.pipelines.items import MatchKeys, match_keys
+from shapefit.pipelines.items import MatchKeys, join_match_keys
 from shapefit.pipelines.meshes import write_meshes
-from shapefit.pipelines.result import Result, nothing_in
+from shapefit.pipelines.result import Result, warn_of_empty
 from shapefit.pipelines.unfinished import describe_unfinished
 
 ITEMS_AT_ONCE = 4096
@@ -53,7 +53,7 @@ ConvertedSource = LandmarkSource | ShapeSource | ResultSource
 
 
 def convert_files(config: ConvertConfig) -> Iterator[Result]:
-    """Read the files and write them; yields a Result per batch."""
+    """Convert files to another format, as a config says; yields a Result per batch."""
     if config.to in MESH_FORMATS:
         yield from write_meshes(
             config.files, config.dictionary, config.output, config.to
@@ -84,7 +84,7 @@ def convert_files(config: ConvertConfig) -> Iterator[Result]:
         warnings = (
             *describe_unfinished(config.files),
             *source.notes,
-            *nothing_in(count, f"{noun}s"),
+            *warn_of_empty(count, f"{noun}s"),
         )
     summary = writer.summary
     yield Result(
@@ -115,7 +115,7 @@ def convert_dictionary(config: ConvertConfig, target: FileFormat) -> Result:
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> FileKind:
-    """Return what the files hold; InputError where they hold different things.
+    """Return the kind of content that all files have; InputError where kinds differ.
 
     Streams cannot be looked into: with one among them it is "landmarks".
     """
@@ -133,7 +133,7 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> FileKind:
 def open_source(
     kind: FileKind, files: Sequence[Path], options: InputOptions
 ) -> ConvertedSource:
-    """Open files of a kind, "landmarks", "shapes" or else results.
+    """Open files as landmarks, shapes or results, by their kind.
 
     Raises InputError for options that results do not have.
     """
@@ -152,10 +152,10 @@ def open_source(
 def select_items(
     source: ConvertedSource, config: ConvertConfig
 ) -> tuple[Iterator[AnyRecord], int]:
-    """Return batches of the wanted items, and how many these are.
+    """Return batches of the items that the config asks for, and the number of items.
 
-    They are those of one individual, whose name is the last part of that of its
-    sequence, and every n-th of each sequence. Raises InputError where no individual has
+    They are those of its `individual`, whose name is the last part of that of its
+    sequence, and of each sequence every n-th. Raises InputError where no individual has
     the name.
     """
     if (config.individual is None and config.every == 1) or not source.count:
@@ -165,16 +165,16 @@ def select_items(
     if config.individual is not None:
         rows = find_individual(sequences, config.individual, config.files)
     if config.every == 1:
-        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
-    keys = match_keys(source.batches(ITEMS_AT_ONCE))
+        return source.select(rows, ITEMS_AT_ONCE), len(rows)
+    keys = join_match_keys(source.batches(ITEMS_AT_ONCE))
     rows, numbers = thin_frames(rows, keys, sequences, config.every)
     if keys.frames is None:
-        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
+        return source.select(rows, ITEMS_AT_ONCE), len(rows)
 
     def numbered_anew() -> Iterator[AnyRecord]:
         """Yield the wanted items with their new frame numbers."""
         done = 0
-        for records in source.chosen(rows, ITEMS_AT_ONCE):
+        for records in source.select(rows, ITEMS_AT_ONCE):
             yield replace(records, frames=numbers[done : done + len(records)])
             done += len(records)
 
@@ -184,7 +184,7 @@ def select_items(
 def find_individual(
     sequences: Sequence[str], wanted: str, files: Sequence[Path]
 ) -> Indices:
-    """Return the rows of images of an individual; InputError for an unknown name.
+    """Return the rows of the images of one individual; InputError for an unknown name.
 
     Its name is that of its sequence, or the last part of that.
     """
@@ -203,7 +203,7 @@ def find_individual(
 def thin_frames(
     rows: Indices, keys: MatchKeys, sequences: Sequence[str], every: int
 ) -> tuple[Indices, Integers]:
-    """Return every n-th of some rows of each sequence, and their new numbers.
+    """Return every n-th of `rows` in each sequence, and the new frame numbers of these.
 
     Frames are thinned by their numbers, so that all individuals of a video keep the
     same ones; without numbers, by their order.

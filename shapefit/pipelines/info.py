@@ -23,7 +23,7 @@ from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.readers.tables import understand
+from shapefit.io.readers.tables import read_described_table
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import (
     OPTIONAL_DATASETS,
@@ -40,7 +40,7 @@ from shapefit.pipelines.partition.manifest import (
     find_folders,
     numbers_of_parts,
 )
-from shapefit.pipelines.result import Numbers, Result, unread
+from shapefit.pipelines.result import Numbers, Result, unreadable_file
 from shapefit.pipelines.unfinished import describe_unfinished
 from shapefit.records.items import Items
 
@@ -133,16 +133,18 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
         )
     yield Result(
         done=len(config.files),
-        failures=tuple(unread(path, error) for path, error in errors.items()),
+        failures=tuple(unreadable_file(path, error) for path, error in errors.items()),
         warnings=warnings,
-        note="\n\n".join(as_printed(each.lines) for each in descriptions),
-        numbers=add_up(descriptions, of_folders),
+        note="\n\n".join(format_lines(each.lines) for each in descriptions),
+        numbers=sum_numbers(descriptions, of_folders),
         data=lambda: [each.as_plain() for each in descriptions],
     )
 
 
-def add_up(descriptions: Sequence[Description], folders: Sequence[Numbers]) -> Numbers:
-    """Return the images of all inputs; of one folder of results, what it states."""
+def sum_numbers(
+    descriptions: Sequence[Description], folders: Sequence[Numbers]
+) -> Numbers:
+    """Return the number of images of all inputs; of one folder alone, all numbers."""
     counts = [
         each.numbers.items or 0 for each in descriptions if each.kind in OF_IMAGES
     ]
@@ -150,8 +152,8 @@ def add_up(descriptions: Sequence[Description], folders: Sequence[Numbers]) -> N
     return numbers._replace(images=sum(counts) if counts else None)
 
 
-def as_printed(lines: Sequence[InfoLine]) -> str:
-    """Return the description of an input as one text that a terminal can show.
+def format_lines(lines: Sequence[InfoLine]) -> str:
+    """Return labelled lines as one text that a terminal can show.
 
     The first line is the title, without its label.
     """
@@ -161,7 +163,7 @@ def as_printed(lines: Sequence[InfoLine]) -> str:
 
 
 def describe_installed() -> str:
-    """Return the names of installed dictionaries, configs and skeletons."""
+    """Return a text that lists installed dictionaries, configs and skeletons."""
     configs = {command: ", ".join(find_presets(command)) for command in CONFIGS}
     lines = [
         "dictionaries (-d NAME)",
@@ -218,7 +220,7 @@ def describe_input(
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
         if file_format is FORMATS["table"]:
-            items += understand(paths[0], 3 if kind == "shapes" else 2).lines
+            items += read_described_table(paths[0], 3 if kind == "shapes" else 2).lines
         if kind == "landmarks" and not is_of_people(names):
             items.append(("dictionary", HOW_TO_LEARN))
         following = next_command(kind, paths, names, options.keypoints)
@@ -227,7 +229,7 @@ def describe_input(
 
 
 def count_items(source: AnySource, sample: Items) -> FileNumbers:
-    """Return the numbers of a file; all but the items are those of a sample of it."""
+    """Return the number of items of a source, and other numbers of a sample of it."""
     is_missing = ~np.isfinite(sample.points).all(axis=2)
     return FileNumbers(
         items=source.estimate,
@@ -245,8 +247,10 @@ def find_sequences(sample: Items) -> list[str]:
 
 
 def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine]:
-    """Return labels and texts on the number of items, and on the first of them."""
-    part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
+    """Return labelled lines on the items of a source, by a sample of the first ones."""
+    suffix = ""
+    if len(sample) != source.estimate:
+        suffix = f" (of the first {len(sample):,})"
     number = f"{source.count:,}"
     if source.estimate > source.count:
         number = f"about {float(f'{source.estimate:.2g}'):,.0f}"
@@ -254,13 +258,13 @@ def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine
     lines = [
         (f"{noun}s", number),
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-        *describe_sequences(sample, part),
+        *describe_sequences(sample, suffix),
     ]
     visible: Flags = np.asarray(np.isfinite(sample.points).all(axis=2))
     if visible.any():
         lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
-    lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
+    lines.append(("missing", f"{missing:.1%} of the landmarks{suffix}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
     camera = [name for name in CAMERA_COLUMNS if sample.column(name) is not None]
     if camera:
@@ -268,22 +272,22 @@ def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine
     return lines
 
 
-def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
-    """Yield labels and texts on the sequences of a sample, and on missing frames.
+def describe_sequences(sample: Items, suffix: str) -> Iterator[InfoLine]:
+    """Yield labelled lines on the sequences, frame rate and gaps of a sample.
 
-    part is the end of texts that are true of the sample only.
+    Texts that are true of the sample only end with the suffix.
     """
     sequences = find_sequences(sample)
     if not sequences:
         return
-    yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{part}"
+    yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{suffix}"
     rate = sample.frame_rate
     yield "frame rate", "unknown" if rate is None else f"{rate:g} Hz"
     if sample.frames is None:
         yield "frames", "not numbered, so one follows the other"
     gaps = describe_gaps(sample)
     if gaps:
-        yield "gaps", gaps + part
+        yield "gaps", gaps + suffix
 
 
 def describe_gaps(sample: Items) -> str:
@@ -317,7 +321,7 @@ def describe_gaps(sample: Items) -> str:
 
 
 def describe_point(sample: Items, visible: Flags) -> str:
-    """Return a text: the first item with a visible landmark, and where that is."""
+    """Return a text on the first visible landmark: its item, name and coordinates."""
     row, column = np.argwhere(visible)[0].tolist()
     numbers = ", ".join(f"{value:g}" for value in sample.points[row, column])
     item, landmark = sample.items[row], sample.landmark_names[column]
@@ -358,7 +362,7 @@ def describe_dictionary(path: Path) -> tuple[list[InfoLine], FileNumbers]:
 def next_command(
     kind: str, paths: Sequence[Path], names: Sequence[str], keypoints: str | None
 ) -> str:
-    """Return the command to go on with: view, fit or learn-dict, by the kind of file.
+    """Return the next command to run on files: view, fit or learn-dict, by their kind.
 
     For landmarks of people it names the installed dictionary.
     """

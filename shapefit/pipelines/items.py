@@ -27,9 +27,9 @@ SAME_FRAME_WITHIN = 0.01
 
 
 class MatchKeys(NamedTuple):
-    """What n images or true shapes are matched by.
+    """Items, sequences, frames and times by which n images find their true shapes.
 
-    frames None are the places in the sequences; times (n,) in seconds, as stated.
+    Without frames the places in the sequences count; times (n,) in seconds, as stated.
     """
 
     items: Sequence[str]
@@ -39,7 +39,7 @@ class MatchKeys(NamedTuple):
     times: Sequence[float] | None = None
 
     def seconds(self) -> Floats | None:
-        """Return the time (n,) of each, stated or of its frame; None for none."""
+        """Return the time (n,) of each item in seconds, None where it is unknown."""
         if self.times is not None:
             return np.array(self.times, np.float64)
         if self.frames is None or not self.frame_rate:
@@ -48,7 +48,7 @@ class MatchKeys(NamedTuple):
         return seconds
 
     def by_frame(self) -> tuple[Sequence[str], Sequence[int]]:
-        """Return the sequence and the number of the frame of each."""
+        """Return the sequence (n,) and the frame number (n,) of each item."""
         sequences = self.sequences or ("",) * len(self.items)
         if self.frames is not None:
             return sequences, self.frames
@@ -60,8 +60,8 @@ class MatchKeys(NamedTuple):
         return sequences, frames
 
 
-def match_keys(parts: Iterable[Items]) -> MatchKeys:
-    """Return the keys of records, of one source, that come part by part."""
+def join_match_keys(parts: Iterable[Items]) -> MatchKeys:
+    """Return items, sequences, frames and times of a source, joined over its parts."""
     items: list[str] = []
     sequences: list[str] = []
     frames: list[int] = []
@@ -91,10 +91,10 @@ def find_truth(
 
     By item or by frame and sequence: of the same name, else of one that ends alike
     (`cam01/anna` and `anna`), else of any, as long as that is one. Raises InputError
-    where no image has one.
+    at `place` where no image has one.
     """
     if match == BY_FRAME:
-        rows = find_frames(images, truth)
+        rows = find_truth_by_frame(images, truth)
     else:
         rows = find_rows(images.items, truth.items)
     if (rows < 0).all() and match == BY_FRAME:
@@ -120,17 +120,17 @@ def find_truth(
 
 
 def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> Indices:
-    """Return the row of each key that is wanted, -1 for none."""
+    """Return the position in `keys` (n,) of each wanted key, -1 where it is absent."""
     row = {_composed(key): number for number, key in enumerate(keys)}
     return np.array([row.get(_composed(key), -1) for key in wanted], dtype=np.intp)
 
 
 def _composed(key: object) -> object:
-    """Return a name in the form of Unicode in which equal ones are equal."""
+    """Return a name in Unicode's composed form, and another key unchanged."""
     return as_composed(key) if isinstance(key, str) else key
 
 
-def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
+def find_truth_by_frame(images: MatchKeys, truth: MatchKeys) -> Indices:
     """Return the row (n,) of each image's true shape, by sequence and frame, else -1.
 
     Where this finds none at all, the last parts of the sequences' names are compared,
@@ -139,7 +139,7 @@ def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
     """
     sequences, frames = images.by_frame()
     true_sequences, true_frames = truth.by_frame()
-    in_time = frames_in_time(images, truth)
+    in_time = frames_on_one_clock(images, truth)
     if in_time is not None:
         rows = _find_in_sequences(sequences, in_time[0], true_sequences, in_time[1])
         if (rows >= 0).any():
@@ -152,10 +152,10 @@ def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
     return _find_in_sequences(sequences, frames, true_sequences, true_frames)
 
 
-def frames_in_time(
+def frames_on_one_clock(
     images: MatchKeys, truth: MatchKeys
 ) -> tuple[Sequence[int], Sequence[int]] | None:
-    """Return the frames of images and truth on one clock, from 0 s on.
+    """Return the times of images and of truth as frames of one rate, from 0 s on.
 
     None where neither states times, or one has neither times nor numbered frames.
     """
@@ -176,7 +176,7 @@ def _find_in_sequences(
     true_sequences: Sequence[str],
     true_frames: Sequence[int],
 ) -> Indices:
-    """Return the row (n,) of the true shape of each frame of a sequence, else -1."""
+    """Return the row (n,) of the true shape of the same sequence and frame, else -1."""
     for shorten in (str, _last_part, _nothing):
         keys = list(zip(map(shorten, true_sequences), true_frames, strict=True))
         rows = find_rows(zip(map(shorten, sequences), frames, strict=True), keys)
@@ -196,12 +196,13 @@ def _nothing(_: str) -> str:
     return ""
 
 
-def named_items(
+def names_in_dataset(
     images: Items, dataset: str, place: str | Path, key: str
 ) -> tuple[str, ...]:
-    """Return the name that a dataset holds for each image, as `key` asks for.
+    """Return the name (n,) that a dataset of images holds for each of them.
 
-    BY_ITEM stands for the items. Raises InputError where there is no such dataset.
+    BY_ITEM stands for the items. Raises InputError at `place` where there is no such
+    dataset; its message names the config's `key`.
     """
     if dataset == BY_ITEM:
         return tuple(images.items)
@@ -220,7 +221,7 @@ def named_items(
 
 
 class ChosenItems:
-    """The items that a config key chooses by its patterns: equal, or as a glob."""
+    """The items that a config key chooses by patterns: names or globs."""
 
     def __init__(self, key: str, patterns: Sequence[str]) -> None:
         self._key = key
@@ -239,7 +240,7 @@ class ChosenItems:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of patterns that chose no item so far."""
+        """Return a warning for each pattern that has chosen no item so far."""
         return tuple(
             f"{self._key}: no item has this name or matches '{pattern}'"
             for pattern, is_used in self._is_used.items()

@@ -18,7 +18,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary, map_landmarks
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
-from shapefit.io.names import check_numbering, numbers_of, renamed
+from shapefit.io.names import check_numbering, numbers_of, rename_landmarks
 from shapefit.io.skeletons import PEOPLE, THETA, BodyPart, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import (
     as_joints,
@@ -45,18 +45,18 @@ PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle"
 
 def match_names(
     names: Sequence[str], dictionary: Dictionary, place: str, *, in_place: bool = True
-) -> Matched:
+) -> LandmarkMatch:
     """Match the landmarks of files to those of a dictionary, by their names.
 
     Raises InputError at `place` where fewer than three are in both, unless all are.
-    in_place as in `Matched`.
+    in_place as in `LandmarkMatch`.
     """
     whole = dictionary
     doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.drop_unmarked({*names, *joints.markers})
-        joints = joints.among(dictionary.landmark_names)
+        joints = joints.restrict_to(dictionary.landmark_names)
     listed = dictionary.landmark_names
     unknown = [name for name in names if joints.names.get(name, name) not in listed]
     matching = len(names) - len(unknown)
@@ -74,12 +74,14 @@ def match_names(
         if numbers_of(names):
             fix += ", or numbered ones by `--keypoints`"
         raise input_error(place, fault, fix)
-    return Matched(dictionary, joints, unknown, in_place, whole, doubts)
+    return LandmarkMatch(dictionary, joints, unknown, in_place, whole, doubts)
 
 
-class Detected(NamedTuple):
-    """The landmarks of a detector in 3D: names (i,), shapes and sd (n, i, 3) in the
-    unit of the landmarks, correlation (n, i, 3) of x with y, x with z, y with z.
+class DetectorShapes(NamedTuple):
+    """The landmarks of a detector in 3D, for n images.
+
+    names (i,), shapes and standard deviations sd (n, i, 3) in the unit of the
+    landmarks, correlation (n, i, 3) of x with y, x with z, y with z.
     """
 
     names: tuple[str, ...]
@@ -88,7 +90,7 @@ class Detected(NamedTuple):
     correlation: Singles | None = None
 
 
-class Matched(NamedTuple):
+class LandmarkMatch(NamedTuple):
     """Landmarks of files, matched to the joints of a dictionary.
 
     dictionary is without landmarks that the files do not mark. unknown landmarks are
@@ -104,8 +106,8 @@ class Matched(NamedTuple):
     doubts: tuple[str, ...] = ()
 
     @property
-    def moves(self) -> bool:
-        """Whether a landmark stands for a joint and lies elsewhere."""
+    def has_displaced(self) -> bool:
+        """Whether a landmark of the files stands for a joint but lies elsewhere."""
         return self.in_place and bool(self.joints.markers)
 
     @property
@@ -114,13 +116,16 @@ class Matched(NamedTuple):
         return self.in_place and bool(self.dictionary.provenance.get(WHERE_MARKED))
 
     def arrange(self, images: Landmarks, place: str) -> Landmarks:
-        """Return images of the files with the landmarks of the dictionary instead."""
-        named = named_as_joints(images, self.joints, place)
+        """Return images with the landmarks of the dictionary, in its order.
+
+        Raises InputError at `place`, the file of the images, as `rename_to_joints`.
+        """
+        named = rename_to_joints(images, self.joints, place)
         names = self.dictionary.landmark_names
         return arrange(named, names, place, omit=bool(self.unknown))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings: doubts about numbers, and landmarks that are left out.
+        """Return warnings about doubtful numbers of landmarks, and those left out.
 
         The few of a known skeleton that are no joints, such as eyes, are expected.
         """
@@ -133,9 +138,9 @@ class Matched(NamedTuple):
         )
         return (*self.doubts, f"{fault} ({abbreviate(self.unknown)})")
 
-    def observed(self, theta: Mapping[str, float]) -> Dictionary:
-        """Return the dictionary of detected landmarks, at body proportions theta."""
-        if not (self.moves or self.has_dependents):
+    def detector_dictionary(self, theta: Mapping[str, float]) -> Dictionary:
+        """Return the dictionary of detector landmarks y, at body proportions theta."""
+        if not (self.has_displaced or self.has_dependents):
             return self.dictionary
         return map_landmarks(
             self.dictionary, self.joints.to_landmarks(theta), self.joints.deviations()
@@ -148,29 +153,30 @@ class Matched(NamedTuple):
         landmarks: Floats,
         visible: Flags,
         residual_variance: float,
-    ) -> tuple[Lifting[PosteriorEstimate], Detected | None]:
-        """Return the lifting of the joints, and all landmarks of the files in 3D.
+    ) -> tuple[Lifting[PosteriorEstimate], DetectorShapes | None]:
+        """Convert a lifting of landmarks to one of joints; return it and the landmarks.
 
-        None for these where they are the joints. landmarks (n, 2, p), visible (n, p).
+        These are all landmarks of the files in 3D, None where they are the joints.
+        landmarks (n, 2, p), visible (n, p).
         """
         if self.has_dependents:
             on = self.dictionary.depends_on
             lifting = place_dependents(
                 lifting, landmarks, visible, on, residual_variance
             )
-        elif not self.moves:
+        elif not self.has_displaced:
             return lifting, None
         A = self.joints.to_landmarks(theta)
         joints = as_joints(lifting, A)
         names = tuple(self.joints.parts)
         if not names:
             return joints, None
-        rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
+        rows = self.joints.weights(names, theta) @ np.linalg.inv(A)
         std = np.array([self.joints.deviation_of(name) for name in names])
         points = combine_landmarks(
             rows, lifting.shapes, lifting.estimate.covariance, std
         )
-        detected = Detected(names, points.points.swapaxes(1, 2))
+        detected = DetectorShapes(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
             correlation = points.correlation.swapaxes(1, 2).astype(np.float32)
@@ -191,23 +197,23 @@ class Joints(NamedTuple):
 
     @property
     def names(self) -> dict[str, str]:
-        """Landmark of the images, in whose column a joint is -> that joint."""
+        """Return landmark of the files -> joint of the dictionary that replaces it."""
         return {landmarks[0]: joint for joint, landmarks in self.markers.items()}
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The body proportions, by name, that move a landmark of the files."""
+        """Return the names of the body proportions that move landmarks of the files."""
         markers = (name for several in self.markers.values() for name in several)
         used = {name for marker in markers for name in self.parts[marker].along}
         return tuple(name for name in THETA if name in used)
 
-    def among(self, joints: Sequence[str]) -> Joints:
-        """Return these without the parts whose joints are not all among `joints`."""
+    def restrict_to(self, joints: Sequence[str]) -> Joints:
+        """Keep only these joints, and the landmarks that follow from them alone."""
         parts = {n: p for n, p in self.parts.items() if p.joints <= set(joints)}
         return Joints(tuple(joints), parts, self.markers)
 
-    def rows(self, landmarks: Sequence[str], theta: Mapping[str, float]) -> Floats:
-        """Return weights (m, p) by which m landmarks follow from the p joints."""
+    def weights(self, landmarks: Sequence[str], theta: Mapping[str, float]) -> Floats:
+        """Return the weights (m, p) of the p joints in each of m landmarks."""
         weights = np.zeros((len(landmarks), len(self.joint_names)))
         for row, name in enumerate(landmarks):
             for joint, weight in self.parts[name].weights(theta).items():
@@ -221,11 +227,13 @@ class Joints(NamedTuple):
         """
         A = np.eye(len(self.joint_names))
         for joint, landmarks in self.markers.items():
-            A[self.joint_names.index(joint)] = self.rows(landmarks, theta).mean(axis=0)
+            A[self.joint_names.index(joint)] = self.weights(landmarks, theta).mean(
+                axis=0
+            )
         return A
 
     def deviation_of(self, landmark: str) -> float:
-        """Return the standard deviation of a landmark from where its weights put it.
+        """Return the standard deviation of a landmark from its weighted sum of joints.
 
         It is 0 where the landmark stands for a joint, and so is lifted itself.
         """
@@ -235,7 +243,7 @@ class Joints(NamedTuple):
         return self.parts[landmark].std
 
     def deviations(self) -> Floats:
-        """Return the standard deviations (p,) of landmarks y from A x, see `matrix`.
+        """Return the standard deviations (p,) of y from A x, see `to_landmarks`.
 
         They are 0 for joints for which no landmark stands.
         """
@@ -278,8 +286,11 @@ def find_joints(
     return Joints(tuple(joints), parts, markers)
 
 
-def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
-    """Rename landmarks to the joints that they stand for, and average those of one."""
+def rename_to_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
+    """Rename landmarks to the joints they stand for; average several of one joint.
+
+    Raises InputError at `place` as `rename_landmarks`.
+    """
     landmarks = images.landmarks
     confidence = images.confidence
     weights = images.weights()
@@ -296,7 +307,7 @@ def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
-    names = renamed(images.landmark_names, joints.names, place)
+    names = rename_landmarks(images.landmark_names, joints.names, place)
     return replace(
         images, landmarks=landmarks, confidence=confidence, landmark_names=names
     )

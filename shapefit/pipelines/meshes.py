@@ -14,7 +14,7 @@ from shapefit.io import read_dictionary
 from shapefit.io.atomic import check_folder, file_stem, staged_files, storage_errors
 from shapefit.io.source import open_results
 from shapefit.meshes.dense import metric_scale
-from shapefit.pipelines.result import Failure, Result, nothing_in
+from shapefit.pipelines.result import Failure, Result, warn_of_empty
 from shapefit.records import Fit
 
 MESHES_AT_ONCE = 64
@@ -25,36 +25,38 @@ MESH_COLOUR = (120, 155, 190)
 
 
 def write_meshes(
-    files: Sequence[Path], path: Path | None, folder: Path, to: str
+    files: Sequence[Path], dictionary_file: Path | None, folder: Path, file_format: str
 ) -> Iterator[Result]:
-    """Write the mesh of each image of results that has a shape.
+    """Write into a folder the mesh of each image of results that has a shape.
 
-    Yields a Result per batch. path is the dictionary of their fit. The files appear in
+    Yields a Result per batch. dictionary_file is that of their fit. The files appear in
     the folder together at the end. Raises InputError for results that have no meshes,
     and a folder that cannot get files.
     """
-    if path is None:
+    if dictionary_file is None:
         fix = "name the dictionary of the fit, for example -d cars.h5"
         raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
     check_folder(folder)
-    dictionary = read_dictionary(path)
+    dictionary = read_dictionary(dictionary_file)
     count = 0
     with open_results(files) as source:
         if source.head.landmark_names != dictionary.landmark_names:
             problem = f"its landmarks are not those of {files[0]}"
-            raise input_error(path, problem, "name the dictionary of the fit")
+            raise input_error(
+                dictionary_file, problem, "name the dictionary of the fit"
+            )
         mixes = source.head.coefficients is not None
         check_has_meshes(dictionary, files[0], mixes_atoms=mixes)
         with staged_files(folder) as staging:
             for batch in source.batches(MESHES_AT_ONCE):
                 has_mesh = has_shape(batch)
                 images = batch.take(np.flatnonzero(has_mesh))
-                placed = in_object_frame(images, dictionary)
+                placed = mix_object_meshes(images, dictionary)
                 for item, vertices in zip(images.items, placed, strict=True):
                     stem = file_stem(item)
-                    file = staging / stem.with_name(f"{stem.name}.{to}")
+                    file = staging / stem.with_name(f"{stem.name}.{file_format}")
                     file.parent.mkdir(parents=True, exist_ok=True)
-                    mesh = mesh_file(vertices, dictionary.mesh_faces, to)
+                    mesh = encode_mesh(vertices, dictionary.mesh_faces, file_format)
                     with storage_errors(folder, None):
                         file.write_bytes(mesh)
                 count += len(images)
@@ -68,7 +70,7 @@ def write_meshes(
                     unit="image",
                     failures=failures,
                 )
-    warnings = nothing_in(source.count, "images")
+    warnings = warn_of_empty(source.count, "images")
     yield Result(
         total=source.count,
         warnings=warnings,
@@ -96,8 +98,8 @@ def check_has_meshes(
         raise input_error(place, fault, "fit with `--method convex` or `convex+refine`")
 
 
-def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
-    """Return the mesh vertices (n, 3, q) of each image: size * sum_i c_i (V_i - o_i).
+def mix_object_meshes(result: Fit, dictionary: Dictionary) -> Floats:
+    """Return vertices (n, 3, q) in the object frame: size * sum_i c_i (V_i - o_i).
 
     The frame is that of the dictionary's training shapes, with their origins o_i, in
     which objects stand upright, and on the ground if these did; a dictionary that does
@@ -124,10 +126,11 @@ def has_shape(result: Fit) -> Flags:
     return np.asarray(np.isfinite(extent + turned) & (extent > 0))
 
 
-def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
-    """Encode one mesh, vertices (3, q) and faces (f, 3), as one object called `mesh`.
+def encode_mesh(vertices: Floats, faces: Integers | None, file_format: str) -> bytes:
+    """Return the bytes of an OBJ, PLY or GLB file of vertices (3, q) and faces (f, 3).
 
-    Coordinates, order and winding stay as given, whatever the format.
+    They are one object called `mesh`. Coordinates, order and winding stay as given,
+    whatever the format.
     """
     from trimesh import Scene, Trimesh
     from trimesh.exchange.gltf import export_glb
@@ -145,11 +148,11 @@ def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
     mesh = Trimesh(
         vertices.T, faces, process=False, visual=visual, metadata={"name": "mesh"}
     )
-    if to == "ply":
+    if file_format == "ply":
         return bytes(export_ply(mesh, encoding="binary", vertex_normal=False))
     scene = Scene()
     scene.add_geometry(mesh, node_name="mesh", geom_name="mesh")
-    if to == "glb":
+    if file_format == "glb":
         return bytes(export_glb(scene, include_normals=False))
     text: str = export_obj(scene, include_texture=False, header=None)
     return text.strip().encode() + b"\n"

@@ -27,7 +27,7 @@ from shapefit.io import (
 )
 from shapefit.io.layout import CORRUPTED
 from shapefit.io.options import InputOptions
-from shapefit.pipelines.result import Result, nothing_in
+from shapefit.pipelines.result import Result, warn_of_empty
 from shapefit.records import Landmarks, Shapes
 
 IMAGES_DRAWN_AT_ONCE = 1024
@@ -61,7 +61,7 @@ def project_shapes(config: ProjectConfig) -> Iterator[Result]:
         landmark_writer(config.output) as writer,
     ):
         sequences = list(chain.from_iterable(source.sequences())) or [""] * source.count
-        turns = turns_of(np.array(sequences, dtype=str))
+        turns = share_of_turn(np.array(sequences, dtype=str))
         for batch, shapes in enumerate(source.batches(IMAGES_DRAWN_AT_ONCE)):
             first = batch * IMAGES_DRAWN_AT_ONCE
             turns_of_batch = turns[first : first + len(shapes)]
@@ -72,13 +72,13 @@ def project_shapes(config: ProjectConfig) -> Iterator[Result]:
             "config": config.as_json(),
             "inputs": json.dumps(digests(config.shapes)),
         }
-    warnings = source.notes + nothing_in(source.count, "shapes")
+    warnings = source.notes + warn_of_empty(source.count, "shapes")
     warnings += writer.summary.warnings
     yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
 
-def turns_of(sequences: NDArray[np.str_]) -> Floats:
-    """Return the share (n,) of a full turn at each image: t / m at frame t of m."""
+def share_of_turn(sequences: NDArray[np.str_]) -> Floats:
+    """Return the share (n,) of a full turn: t / m for image t of a sequence of m."""
     _, sequence, counts = np.unique(sequences, return_inverse=True, return_counts=True)
     order = np.argsort(sequence, kind="stable")
     first = np.cumsum(counts) - counts
@@ -91,7 +91,7 @@ def turns_of(sequences: NDArray[np.str_]) -> Floats:
 def project_batch(
     shapes: Shapes, turns: Floats, config: ProjectConfig, batch: int
 ) -> Landmarks:
-    """Return the images of a batch of n shapes that have made these turns (n,)."""
+    """Project a batch of n shapes, turned by `turns` (n,) if on a turntable, to 2D."""
     n = len(shapes)
     camera = config.camera
     if camera.view == "turntable":
@@ -131,14 +131,14 @@ def project_batch(
 
 
 def random_stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
-    """Return the random generator of one purpose for a batch of images."""
+    """Return the random generator of a purpose, such as NOISE_STREAM, for a batch."""
     return np.random.default_rng(
         np.random.SeedSequence(seed, spawn_key=(purpose, batch))
     )
 
 
 def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
-    """Return landmarks (n, 2, p) with Gaussian noise, n <= IMAGES_DRAWN_AT_ONCE."""
+    """Add Gaussian noise to landmarks (n, 2, p), n <= IMAGES_DRAWN_AT_ONCE."""
     n, *rest = landmarks.shape
     noise = rng.standard_normal((IMAGES_DRAWN_AT_ONCE, *rest))[:n]
     return landmarks + deviation * noise

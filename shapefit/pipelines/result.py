@@ -39,7 +39,7 @@ class Counted:
 
 
 class Note(str):
-    """Stands among the warnings for what is good to know, with nothing wrong."""
+    """A text among the warnings that is good to know, with nothing wrong."""
 
 
 class CameraNumbers(NamedTuple):
@@ -97,8 +97,8 @@ class Result(NamedTuple):
     data: Callable[[], object] | None = None
 
 
-def unread(path: Path, error: InputError) -> Failure:
-    """Return the failure of a file that cannot be read; the reason lacks its name."""
+def unreadable_file(path: Path, error: InputError) -> Failure:
+    """Return the Failure of a file that cannot be read, its reason without the name."""
     problems = (problem.removeprefix(f"{path}:").strip() for problem in error.problems)
     return Failure(str(path), "; ".join(problems))
 
@@ -108,9 +108,9 @@ def merge_warnings(
     warnings: Iterable[str | Counted],
     max_warnings: int = sys.maxsize,
 ) -> int:
-    """Add warnings to those of a run, equal texts as one.
+    """Add warnings to those of a run, equal texts as one; return how many are left out.
 
-    Returns how many are not added, which are beyond `max_warnings`.
+    They are left out beyond `max_warnings` different ones.
     """
     omitted = 0
     for warning in warnings:
@@ -125,6 +125,6 @@ def merge_warnings(
     return omitted
 
 
-def nothing_in(count: int, unit: str) -> tuple[str, ...]:
-    """Return a warning where an input holds 0 of its unit, such as images, else ()."""
+def warn_of_empty(count: int, unit: str) -> tuple[str, ...]:
+    """Return a warning that the input has no `unit`, such as images, if count is 0."""
     return () if count else (f"the input holds no {unit}",)

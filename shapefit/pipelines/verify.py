@@ -35,9 +35,9 @@ from shapefit.io.hdf5_file import Seal, read_seal
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
-from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
-from shapefit.pipelines.joints import find_joints, named_as_joints
-from shapefit.pipelines.result import Failure, Numbers, Result, unread
+from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, remove_distortion
+from shapefit.pipelines.joints import find_joints, rename_to_joints
+from shapefit.pipelines.result import Failure, Numbers, Result, unreadable_file
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import in_columns, present_columns
 from shapefit.threads import map_ahead
@@ -85,7 +85,7 @@ class ResultFile(NamedTuple):
     line: PartLine | None = None
 
 
-class Checked(NamedTuple):
+class CheckedBatch(NamedTuple):
     """A batch that was checked: claims, which images are certified, largest gap."""
 
     result: Fit
@@ -159,7 +159,7 @@ def verify_results(request: Request) -> Generator[Result, None, None]:
                 problems = [problem for one in errors for problem in one.problems]
                 raise InputError(problems) from None
             tally.files += 1
-            yield Result(failures=(unread(part.file, error),))
+            yield Result(failures=(unreadable_file(part.file, error),))
     tally.unread = max(listed - tally.images, tally.unread)
     methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
     data = {**vars(tally), "methods": methods, "landmarks": bool(request.landmarks)}
@@ -177,9 +177,9 @@ def verify_results(request: Request) -> Generator[Result, None, None]:
 
 
 def find_files(result: Path) -> tuple[list[ResultFile], list[Failure], int]:
-    """Return the files of a result, what its manifest has wrong, and its images.
+    """Return the files of a result, faults of its manifest, and the number of images.
 
-    These are as many as the manifest lists, 0 for a single file. Raises InputError for
+    It is the number that the manifest lists, 0 for a single file. Raises InputError for
     a folder without a manifest.
     """
     if not result.is_dir():
@@ -242,10 +242,10 @@ def verify_file(
     """
     with open_results([part.file], (), head=True) as results:
         head = results.head
-        fit = statement_of(head.attributes, part.file)
+        fit = parse_statement(head.attributes, part.file)
         fits.append(fit)
         seal = read_seal(part.file)
-        missing = sorted(required(fit, head) - head.column_names())
+        missing = sorted(required_datasets(fit, head) - head.column_names())
         wrong = [
             Failure(name, "is missing, and every such fit writes it")
             for name in missing
@@ -263,7 +263,9 @@ def verify_file(
         if missing:
             tally.unread += results.count
             return
-        program = program_of(head, part.file, request.dictionary, dictionary, fit)
+        program = certified_program(
+            head, part.file, request.dictionary, dictionary, fit
+        )
         rows = result_rows(part, seal)
         with open_images(part.file, rows, head, fit, files, results.count) as images:
             batches: Iterator[Fit] = iter(())
@@ -276,8 +278,8 @@ def verify_file(
                 yield add_to_tally(tally, chunk)._replace(total=results.count)
 
 
-def add_to_tally(tally: VerifyTally, chunk: Checked) -> Result:
-    """Add the images of a chunk to the tally, and return what became of them."""
+def add_to_tally(tally: VerifyTally, chunk: CheckedBatch) -> Result:
+    """Add a checked batch to the tally, and return its images and failures."""
     claims = chunk.claims
     items = chunk.result.items
     tally.images += len(items)
@@ -302,7 +304,7 @@ def check_config(attributes: Mapping[str, object]) -> Iterator[Failure]:
 def check_seal(
     part: ResultFile, seal: Seal, fit: Statement, count: int
 ) -> Iterator[Failure]:
-    """Yield failures: contents against their digest, and a file against its manifest.
+    """Yield failures where a file differs from its own digest or from its manifest.
 
     count is the number of images that the file holds.
     """
@@ -334,8 +336,8 @@ def result_rows(part: ResultFile, seal: Seal) -> slice | None:
     return None if rows is None else slice(*rows)
 
 
-def statement_of(attributes: Mapping[str, object], file: Path) -> Statement:
-    """Return the attributes `config` and `inputs` of a result, parsed.
+def parse_statement(attributes: Mapping[str, object], file: Path) -> Statement:
+    """Parse the attributes `config` and `inputs` of a result.
 
     Raises InputError where they are not those of a fit.
     """
@@ -365,8 +367,8 @@ def statement_of(attributes: Mapping[str, object], file: Path) -> Statement:
         raise input_error(file, fault, RESULT_OF_FIT) from None
 
 
-def required(fit: Statement, head: Fit) -> set[str]:
-    """Return the names of the datasets that every fit by its method writes."""
+def required_datasets(fit: Statement, head: Fit) -> set[str]:
+    """Return the names of the datasets that every fit by this method writes."""
     name = fit.config["method"]
     names = set(FIT_COLUMNS.split())
     if METHODS[name].needs_prior:
@@ -392,7 +394,7 @@ def match_files(
     request: Request,
     digest_of: Callable[[Path], str],
 ) -> tuple[list[Path], list[Failure]]:
-    """Return the files of landmarks that a part was fitted to, and failed digests.
+    """Return the landmark files that a part was fitted to, and failures of digests.
 
     There are no files where not all are given. A file is recognised by the digest that
     the fit states, else by its name, or it is the only one.
@@ -428,10 +430,14 @@ def match_files(
     return [paths[0] for paths in landmarks], wrong
 
 
-def program_of(
+def certified_program(
     head: Fit, file: Path, path: Path, dictionary: Dictionary, fit: Statement
 ) -> CertifiedProgram:
-    """Return the convex program of a fit. Raises InputError for another dictionary."""
+    """Return the convex program that a fit solved, by its config and its dictionary.
+
+    file is the result, path the dictionary. Raises InputError for another dictionary
+    than that of the fit.
+    """
     names = f"{path}: landmark names"
     columns = match_landmarks(dictionary.landmark_names, head.landmark_names, names)
     k = dictionary.k if head.coefficients is None else head.coefficients.shape[1]
@@ -464,7 +470,7 @@ def open_images(
     files: Sequence[Path],
     count: int,
 ) -> Iterator[Iterator[Landmarks | None]]:
-    """Give the landmarks of a result, batch by batch, as its fit read them.
+    """Open the landmark files of a fit; gives its images batch by batch.
 
     Without `files` each batch is None. Raises InputError where these do not have
     `count` images.
@@ -497,13 +503,13 @@ def open_images(
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: Landmarks) -> Landmarks:
-            """Return images as `fit` had them: without distortion, and as joints."""
+            """Return images as `fit` lifts them: undistorted, landmarks as joints."""
             matrix = head.column(CAMERA_MATRIX)
             removed = head.column(REMOVED)
             if is_calibrated and matrix is not None and removed is not None:
                 lens = {CAMERA_MATRIX: matrix, DISTORTION: removed}
                 images = images.with_file_extras(lens)
-            images = named_as_joints(undistorted(images, None), joints, place)
+            images = rename_to_joints(remove_distortion(images, None), joints, place)
             return arrange(images, head.landmark_names, place, omit=True)
 
         yield map(as_fitted, source.batches(IMAGES_CHECKED_AT_ONCE))
@@ -511,11 +517,11 @@ def open_images(
 
 def check_chunk(
     result: Fit,
-    given: Landmarks | None,
+    images: Landmarks | None,
     program: CertifiedProgram,
     certified: bool,
-) -> Checked:
-    """Check what a result claims of a batch; `given` are its landmarks, if at hand."""
+) -> CheckedBatch:
+    """Check the claims of a batch of results, also against its images if given."""
     columns = claimed_columns(result)
     has_scale = np.isfinite(columns["scale"])
     claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
@@ -526,15 +532,15 @@ def check_chunk(
         if certified:
             is_bounded = certificate.check_certificate(columns, program, claims)
             gaps = certificate.stated_gap(columns, program)
-        if given is not None:
-            check_landmarks(columns, result, given, claims)
+        if images is not None:
+            check_landmarks(columns, result, images, claims)
     is_certified = np.asarray(is_bounded & ~claims.missed)
     largest_gap = float(np.max(gaps[is_certified], initial=0.0))
-    return Checked(result, claims, is_certified, largest_gap)
+    return CheckedBatch(result, claims, is_certified, largest_gap)
 
 
 def claimed_columns(result: Fit) -> dict[str, Numeric]:
-    """Return the columns of a result by their names, points one a column."""
+    """Return name -> values of the columns of a result, points as (..., 3, p)."""
     columns: dict[str, Numeric] = dict(result.extras)
     for column, value in present_columns(result):
         values = np.asarray(value)
@@ -543,33 +549,33 @@ def claimed_columns(result: Fit) -> dict[str, Numeric]:
 
 
 def check_landmarks(
-    columns: Mapping[str, Numeric], result: Fit, given: Landmarks, claims: Claims
+    columns: Mapping[str, Numeric], result: Fit, images: Landmarks, claims: Claims
 ) -> None:
     """Check that results have the landmarks, confidences and items of a file.
 
     Images for which that is false get a reason in `claims`.
     """
     everyone = np.ones_like(claims.fitted)
-    visible = given.visible()
-    in_file = np.where(visible[:, None], given.as_columns(), np.nan)
+    visible = images.visible()
+    in_file = np.where(visible[:, None], images.as_columns(), np.nan)
     stated = columns["landmarks"]
     both_hidden = np.isnan(stated) & np.isnan(in_file)
     off = np.where(both_hidden, 0.0, np.abs(stated - in_file))
     allowed = 0.0
-    if given.column(REMOVED) is not None:
+    if images.column(REMOVED) is not None:
         allowed = UNDISTORTED_WITHIN * np.nanmax(np.abs(in_file), initial=1.0)
     claims.near("landmarks are those of the file", off, allowed, where=everyone)
-    confidence = given.weights() if given.confidence is None else given.confidence
+    confidence = images.weights() if images.confidence is None else images.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible
     claims.hold("confidences are those of the file", same, where=everyone)
-    same = np.array(result.items, object) == np.array(given.items, object)
+    same = np.array(result.items, object) == np.array(images.items, object)
     claims.hold("items are those of the file", same, where=everyone)
 
 
 def summary_lines(
     tally: VerifyTally, fit: Statement, with_landmarks: bool
 ) -> Iterator[str]:
-    """Yield what was recomputed and compared of how many images, and what is false."""
+    """Yield lines of text: what was recomputed and compared, and what is false."""
     method = fit.config["method"]
     total = f"of {counted(tally.images + tally.unread, 'image')}"
     yield f"Method     {method}"

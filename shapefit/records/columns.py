@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import get_annotations
 from types import UnionType
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -314,29 +314,12 @@ def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Te
 def _take_counted(
     value: Array, count: Integers, rows: NDArray[np.integer] | slice
 ) -> Array:
-    """Return the rows of an array that belong to items `rows`, of `count` (n,) each."""
+    """Return the rows of an array that belong to items `rows`.
+
+    count (n,): how many rows of the array, in the order of items, belong to each item.
+    """
     ends = np.cumsum(count)
     taken = np.arange(len(count))[rows]
     ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]
     taken_rows: Array = value[np.concatenate([np.empty(0, np.intp), *ranges])]
     return taken_rows
-
-
-def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:
-    """Return the keyword arguments of a record from its columns by name in files.
-
-    Columns that the class does not list become `extras`; those that are None are left
-    out.
-    """
-    listed = column_by_name(cls)
-    fields: dict[str, Any] = {}
-    extras: dict[str, object] = {}
-    for name, value in columns.items():
-        if value is None:
-            continue
-        if name in listed:
-            fields[listed[name].field] = value
-        else:
-            extras[name] = value
-    fields["extras"] = extras
-    return fields

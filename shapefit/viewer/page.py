@@ -287,7 +287,7 @@ def _without_markup(data: str) -> str:
 
 
 def content_security_policy(style: str, script: str, *, has_film: bool) -> str:
-    """Return the policy of a page with this style and script: it makes no requests.
+    """Return the Content-Security-Policy of a page, by which it makes no requests.
 
     A film is played from the memory of the page.
     """
@@ -305,7 +305,7 @@ def _hash_of(text: str) -> str:
 
 
 def encode_texts(texts: NDArray[np.object_] | None) -> EncodedTexts | None:
-    """Return texts (n,) as the different ones, and which one each is."""
+    """Encode texts (n,) as the different ones, and the index of that of each."""
     if texts is None:
         return None
     different, codes = np.unique(texts.astype(str), return_inverse=True)
@@ -313,7 +313,7 @@ def encode_texts(texts: NDArray[np.object_] | None) -> EncodedTexts | None:
 
 
 def blend_meshes(mesh_set: int, weights: Floats) -> Blend:
-    """Return weights (n, k) of the meshes of one set as a sparse matrix, row by row."""
+    """Return weights (n, k) of the meshes of one set as a sparse matrix in rows."""
     frame, atom = np.nonzero(weights)
     start = np.searchsorted(frame, np.arange(len(weights) + 1))
     return {
@@ -325,7 +325,7 @@ def blend_meshes(mesh_set: int, weights: Floats) -> Blend:
 
 
 def as_json(value: object) -> object:
-    """Return a scene, or a part of one, as the page reads it, without what is None.
+    """Convert a scene, or a part of one, to JSON values, without what is None.
 
     Arrays are blocks: points (n, d, p) on a scale of each set, other floats in 32 bits,
     integers in as few bytes as they need.
@@ -347,7 +347,7 @@ def as_json(value: object) -> object:
 
 
 def block(values: NDArray[Any], kind: str) -> EncodedArray:
-    """Return an array as base64 of numbers of a kind, such as `i2` or `f4`."""
+    """Encode an array in base64, as little-endian numbers of a kind such as `i2`."""
     data = np.ascontiguousarray(values.astype(f"<{kind}")).tobytes()
     return {
         "type": kind,
@@ -357,7 +357,7 @@ def block(values: NDArray[Any], kind: str) -> EncodedArray:
 
 
 def block_of_points(points: Floats) -> EncodedArray:
-    """Return points (n, d, p) as 16-bit integers, each set on a scale of its own.
+    """Encode points (n, d, p) as 16-bit integers, each image on a scale of its own.
 
     A point that is not finite in 32 bits is missing.
     """

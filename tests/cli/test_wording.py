@@ -2,7 +2,7 @@
 
 import pytest
 from shapefit.cli.main import commands
-from shapefit.cli.wording import in_options, options_of_keys
+from shapefit.cli.wording import name_options, options_of_keys
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
@@ -27,4 +27,4 @@ from shapefit.config.model import list_config_keys
 def test_a_key_becomes_an_option(key, option):
     keys = {".".join(path) for path in list_config_keys(CONFIGS["fit"])}
     options = options_of_keys(commands.commands["fit"])
-    assert in_options(key, options, keys) == (option or key)
+    assert name_options(key, options, keys) == (option or key)

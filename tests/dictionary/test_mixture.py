@@ -39,7 +39,7 @@ def nearest_component(mixture, mean):
 def test_a_planted_mixture_is_recovered():
     shapes, truth = draw(6000)
 
-    found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9).mixture
+    found = learn_mixture(shapes, 3, shrinkage=0.0, variance_floor=1e-9).mixture
 
     order = [nearest_component(found, mean) for mean in truth.means]
     assert sorted(order) == [0, 1, 2]
@@ -53,7 +53,9 @@ def test_no_round_lowers_the_objective(shrinkage):
     rng = np.random.default_rng(1)
     shapes = rng.normal(size=(400, 3, 4)) ** 3
 
-    learned = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0)
+    learned = learn_mixture(
+        shapes, 6, shrinkage=shrinkage, variance_floor=0.05, tolerance=0.0
+    )
 
     trace = learned.trace
     assert len(trace) > 5
@@ -89,14 +91,14 @@ def test_the_expected_log_density_is_that_of_shapes_with_errors():
 
 def test_one_component_is_the_gaussian_of_all_shapes(rng):
     shapes = rng.normal(size=(50, 3, 2))
-    found = learn_mixture(shapes, 1, shrinkage=0.0, floor=1e-9).mixture
+    found = learn_mixture(shapes, 1, shrinkage=0.0, variance_floor=1e-9).mixture
     assert_allclose(found.covariances[0], covariance_of(shapes))
 
 
 def test_more_components_than_shapes_are_refused(rng):
     shapes = rng.normal(size=(50, 3, 2))
     with pytest.raises(ValueError, match=r"within 1\.\.50, is 51"):
-        learn_mixture(shapes, 51, shrinkage=0.0, floor=1e-9)
+        learn_mixture(shapes, 51, shrinkage=0.0, variance_floor=1e-9)
 
 
 def test_a_component_that_dies_is_left_out():
@@ -105,7 +107,7 @@ def test_a_component_that_dies_is_left_out():
     shapes = 1e-9 * rng.normal(size=(50, 3, 3))
     shapes[0] += 5.0
 
-    found = learn_mixture(shapes, 3, shrinkage=0.3, floor=0.01).mixture
+    found = learn_mixture(shapes, 3, shrinkage=0.3, variance_floor=0.01).mixture
 
     assert (found.weights > 1e-3 / 50).all()
     assert found.weights.sum() == pytest.approx(1)
@@ -120,7 +122,7 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
     clusters = (rng.normal(size=(2, 100, 9)) + middles).reshape(2, 100, 3, 3)
     shapes = clusters.reshape(200, 3, 3)
 
-    found = learn_mixture(shapes, 2, shrinkage=shrinkage, floor=floor).mixture
+    found = learn_mixture(shapes, 2, shrinkage=shrinkage, variance_floor=floor).mixture
 
     whole_covariance = covariance_of(shapes) + floor * np.eye(9)
     for cluster in clusters:
@@ -135,7 +137,7 @@ def test_no_bit_depends_on_the_number_of_threads(monkeypatch):
 
     def learn_on(cores):
         monkeypatch.setattr("os.cpu_count", lambda: cores)
-        return learn_mixture(shapes, 3, shrinkage=0.3, floor=0.01)
+        return learn_mixture(shapes, 3, shrinkage=0.3, variance_floor=0.01)
 
     one = learn_on(1)
     three = learn_on(3)

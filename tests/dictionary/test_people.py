@@ -139,7 +139,7 @@ def prior(rng):
 def test_the_prior_of_the_known_landmarks_stays_to_the_last_bit(prior, rng):
     shapes = rng.standard_normal((200, 3, 6))
 
-    extended = extend_prior(prior, shapes, shrinkage=0.3, floor=0.01)
+    extended = extend_prior(prior, shapes, shrinkage=0.3, variance_floor=0.01)
 
     known = extended.marginal(np.arange(4))
     assert_array_equal(known.means, prior.means)
@@ -148,7 +148,7 @@ def test_the_prior_of_the_known_landmarks_stays_to_the_last_bit(prior, rng):
 
 def test_an_extended_prior_is_a_prior(prior, rng):
     shapes = rng.standard_normal((200, 3, 6))
-    extended = extend_prior(prior, shapes, shrinkage=0.3, floor=0.01)
+    extended = extend_prior(prior, shapes, shrinkage=0.3, variance_floor=0.01)
     assert (np.linalg.eigvalsh(extended.covariances) > 0).all()
 
 
@@ -158,7 +158,7 @@ def test_a_landmark_that_follows_from_others_is_found(prior, rng):
     landmark_map[4] = [1, 0.5, -0.5, 0]
     shapes = draw_shapes(prior, 4000, rng) @ landmark_map.T
 
-    found = extend_prior(prior, shapes, shrinkage=0.0, floor=1e-6)
+    found = extend_prior(prior, shapes, shrinkage=0.0, variance_floor=1e-6)
 
     coordinate_map = np.kron(np.eye(3), landmark_map)
     covariances = coordinate_map @ prior.covariances @ coordinate_map.T

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal, assert_equal
 
-from shapefit.io.csv_cells import ListedCells, read_numbers, read_rows, split_cells
+from shapefit.io.csv_cells import ListedCells, parse_rows, read_numbers, split_cells
 
 NUMBERS = st.floats().map(repr)
 LIKE_NUMBERS = st.text(st.sampled_from("00123456789..--+eE infatyx_ü\t"), max_size=9)
@@ -40,8 +40,8 @@ def test_numbers_are_the_same(texts):
 @example(["a", "a", "a", "b", "b", "a"])
 def test_texts_are_numbered_as_they_come(texts):
     split, listed = both(texts)
-    numbers, names = split.texts("right")
-    expected_numbers, expected_names = listed.texts("right")
+    numbers, names = split.unique_texts("right")
+    expected_numbers, expected_names = listed.unique_texts("right")
     assert [names[number] for number in numbers] == texts
     assert names == expected_names
     assert_array_equal(numbers, expected_numbers)
@@ -51,7 +51,7 @@ def test_texts_are_numbered_as_they_come(texts):
 def test_texts_of_any_size_are_read_to_their_end(size):
     text = "x" * size
     split, _ = both([text])
-    _, names = split.texts("right")
+    _, names = split.unique_texts("right")
     assert split.cell("right", 0) == text
     assert names == [text]
 
@@ -63,7 +63,7 @@ def test_what_is_split_is_never_read_in_another_way(text):
     cells = split_cells(text, ["left", "right"], 1)
     if cells is None:
         return  # the core leaves it to Python
-    rows = [row for _, row in read_rows([text], 1, "name")]
+    rows = [row for _, row in parse_rows([text], 1, "name")]
     assert len(cells.lines) == len(rows)
     for number, row in enumerate(rows):
         assert [cells.cell(column, number) for column in ("left", "right")] == row

@@ -79,13 +79,13 @@ def test_batches_are_those_of_a_small_table(table_with_gaps, whole, same):
 def test_chosen_items_are_those_of_a_small_table(table_with_gaps, whole, same):
     rows = [1, 2, 30]
     with open_landmarks([table_with_gaps]) as source:
-        chosen = list(source.chosen(np.array(rows), 7))
+        chosen = list(source.select(np.array(rows), 7))
     same(concatenate(chosen), whole.take(rows))
 
 
 def test_names_are_those_of_a_small_table(table_with_gaps, whole):
     with open_landmarks([table_with_gaps]) as source:
-        names = [item for block in source.names() for item in block]
+        names = [item for block in source.item_names() for item in block]
     assert tuple(names) == whole.items
 
 

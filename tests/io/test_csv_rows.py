@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from shapefit.io.csv_rows import csv_cell, csv_rows
+from shapefit.io.csv_rows import csv_cell, format_rows
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
 EXTREMES = [0.0, -0.0, 1e16, 1e-4, 9.999e-5, 5e-324, 1.7976931348623157e308, 1 / 3]
@@ -25,7 +25,7 @@ def test_the_csv_module_reads_what_was_written(first, last, numbers):
     texts = [csv_cell(first), csv_cell(last)]
     cells = np.tile([0, 1], (len(numbers), 1))
     column = np.array(numbers)[:, None]
-    rows = csv_rows(texts, cells, column, leading=1, as_python=True)
+    rows = format_rows(texts, cells, column, leading=1, as_python=True)
 
     shown = ["" if math.isnan(number) else repr(number) for number in numbers]
     read = [*csv.reader(StringIO(bytes(rows).decode(), newline=""))]
@@ -36,7 +36,7 @@ def test_the_csv_module_reads_what_was_written(first, last, numbers):
 def test_numbers_of_json_read_back_to_the_same_float(numbers):
     texts = [csv_cell("a")]
     cells = np.zeros((1, 1), np.int64)
-    rows = csv_rows(texts, cells, np.array([numbers]), leading=1)
+    rows = format_rows(texts, cells, np.array([numbers]), leading=1)
     (row,) = csv.reader(StringIO(bytes(rows).decode()))
     finite = [number for number in numbers if math.isfinite(number)]
     assert [float(cell) for cell in row[1:] if cell] == finite

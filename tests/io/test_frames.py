@@ -203,7 +203,7 @@ def poses(frames, **fields):
 
 def test_a_reader_hands_on_frames_and_times_in_any_order():
     given = poses([7, 2, 30], time=np.array([0.7, 0.2, np.nan]))
-    images, _ = reading.landmarks_of(given, InputOptions())
+    images, _ = reading.poses_to_landmarks(given, InputOptions())
     first_x = images.landmarks[:, 0, 0]
     assert images.items == ("v/2", "v/7", "v/30")
     assert images.frames.tolist() == [2, 7, 30]
@@ -214,14 +214,14 @@ def test_a_reader_hands_on_frames_and_times_in_any_order():
 def test_people_are_followed_in_order_of_frames():
     still = np.tile([[10.0, 10.0], [60.0, 100.0]], (3, 1, 1))
     given = poses([20, 0, 2], points=still, individual=["", "", ""])
-    images, _ = reading.landmarks_of(given, InputOptions(track="nearest"))
+    images, _ = reading.poses_to_landmarks(given, InputOptions(track="nearest"))
     assert images.frames.tolist() == [0, 2, 20]
     assert images.sequences == ("v/person 1", "v/person 1", "v/person 2")
 
 
 def test_two_poses_of_one_body_in_a_frame_are_refused(problems):
     given = poses([1, 2, 2], label=["1", "2", "02"])
-    (line,) = problems(reading.landmarks_of, given, InputOptions())
+    (line,) = problems(reading.poses_to_landmarks, given, InputOptions())
     fix = "keep one pose of a body per frame"
     assert line == f"v.json: holds 'v/2' and 'v/02' in one frame; {fix}"
 

@@ -45,7 +45,7 @@ def test_values_that_were_never_written_are_the_fill_value(tmp_path, monkeypatch
         file.create_dataset("x", (10**6, 4, 2), "f8", chunks=(1, 1, 1), fillvalue=3.0)
     with Hdf5File(path) as file:
         monkeypatch.setattr(h5py.Dataset, "__getitem__", None)
-        rows = file.rows("x", slice(2, 5))
+        rows = file.read_rows("x", slice(2, 5))
     assert rows.shape == (3, 4, 2)
     assert (rows == 3).all()
 

@@ -10,9 +10,9 @@ from shapefit.io.skeletons import (
     PEOPLE,
     THETA,
     Skeleton,
+    body_parts,
     installed_skeletons,
     part_names,
-    parts_of_the_body,
     people_joints,
     skeletons_of_size,
 )
@@ -20,7 +20,7 @@ from tests.io.files import mirror_pairs
 
 JOINTS = (*PEOPLE, *FURTHER)
 SKELETONS = installed_skeletons()
-PARTS = parts_of_the_body()
+PARTS = body_parts()
 UNPAIRED = {"nose", "neck", "head", "midhip", "hip", "spine", "thorax"}
 MEAN = {name: parameter.mean for name, parameter in THETA.items()}
 

@@ -56,7 +56,7 @@ def test_batches_run_over_the_ends_of_files_unless_asked(
 def test_images_of_several_files_are_chosen(parts, landmarks):
     rows = [0, 3, 4]
     with open_landmarks(parts) as source:
-        batches = source.chosen(np.array(rows), 2)
+        batches = source.select(np.array(rows), 2)
         items = [item for batch in batches for item in batch.items]
     assert items == [landmarks.items[row] for row in rows]
 

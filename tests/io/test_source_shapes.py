@@ -72,7 +72,7 @@ def sharing(shapes, write_parts):
 def test_items_in_two_files_begin_with_the_name_of_their_file(sharing, shapes):
     with open_shapes(sharing) as source:
         whole = source.whole()
-        names = [name for part in source.names() for name in part]
+        names = [name for part in source.item_names() for name in part]
         (note,) = source.notes
     expected = ["a/walk/0", "a/walk/1", f"b/{shapes.items[2]}", "b/walk/1"]
     assert list(whole.items) == expected

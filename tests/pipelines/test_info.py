@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.io import csv_file
-from shapefit.io.inputs import in_words
+from shapefit.io.inputs import format_bytes
 from shapefit.pipelines.info import describe_files as run
 from shapefit.pipelines.info import next_command
 from shapefit.pipelines.partition.run import fit_parts as fit
@@ -142,6 +142,6 @@ def test_a_folder_of_results_is_one_input(fitted):
     assert note.startswith(f"{fitted}\n")
     row = lines(note)
     assert row["kind"] == "folder of results"
-    assert row["parts"] == f"{len(results)}, {in_words(size)}"
+    assert row["parts"] == f"{len(results)}, {format_bytes(size)}"
     images = [int(lines(info(file).note)["images"]) for file in results]
     assert int(row["images"]) == sum(images)

@@ -19,7 +19,7 @@ from shapefit.pipelines.joints import (
     MEANS,
     find_joints,
     match_names,
-    named_as_joints,
+    rename_to_joints,
 )
 from shapefit.records import Landmarks
 from tests.columns import in_rows
@@ -55,7 +55,7 @@ def as_detected(images, skeleton, theta=MEANS):
     landmarks = np.full((len(images), len(skeleton.landmark_names), 2), np.nan)
     names = list(joints.parts)
     rows = [skeleton.landmark_names.index(name) for name in names]
-    landmarks[:, rows] = joints.rows(names, theta) @ images.landmarks
+    landmarks[:, rows] = joints.weights(names, theta) @ images.landmarks
     return Landmarks(
         landmarks, landmark_names=skeleton.landmark_names, items=images.items
     )
@@ -82,7 +82,7 @@ def test_a_detector_s_names_are_read_as_joints(images, people, skeleton):
     dictionary = match_names(skeleton.landmark_names, people, "here").dictionary
     names = dictionary.landmark_names
     joints = find_joints(skeleton.landmark_names, names)
-    detected = named_as_joints(as_detected(images, skeleton), joints, "here")
+    detected = rename_to_joints(as_detected(images, skeleton), joints, "here")
     visible = arrange(detected, names, "here", omit=True)
     in_order = arrange(images, names, "here", omit=True)
     expected = joints.to_landmarks(MEANS) @ in_order.landmarks
@@ -99,7 +99,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     joints = find_joints(skeleton.landmark_names, names)
     A = joints.to_landmarks(MEANS)
     detected = as_detected(images, skeleton)
-    visible = arrange(named_as_joints(detected, joints, "here"), names, "x", omit=True)
+    visible = arrange(rename_to_joints(detected, joints, "here"), names, "x", omit=True)
     mapped_file = tmp_path / "seen.h5"
     write_dictionary(mapped_file, map_landmarks(dictionary, A, joints.deviations()))
     result, last = lift(detected, skeleton=MEANS)
@@ -294,7 +294,7 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
         items=tuple("abc"),
         confidence=confidence,
     )
-    named = named_as_joints(images, joints, "place")
+    named = rename_to_joints(images, joints, "place")
     head = named.landmark_names.index("head")
     points = named.landmarks[:, head]
     mean_of_ears = images.landmarks[0, 6:].mean(axis=0)

@@ -17,7 +17,7 @@ from shapefit.config import CONFIGS
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
 from shapefit.pipelines.convert import convert_files as run
-from shapefit.pipelines.meshes import has_shape, mesh_file
+from shapefit.pipelines.meshes import encode_mesh, has_shape
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images, texts
 
@@ -255,26 +255,26 @@ def two_cubes():
 @pytest.mark.parametrize("to", PRECISION)
 def test_vertices_that_coincide_stay_apart_in_one_object(two_cubes, to):
     vertices, faces = two_cubes
-    content = mesh_file(vertices, faces, to)
+    content = encode_mesh(vertices, faces, to)
     mesh = only_mesh(BytesIO(content), file_type=to)
-    assert content == mesh_file(vertices, faces, to)
+    assert content == encode_mesh(vertices, faces, to)
     assert_allclose(mesh.vertices, vertices.T, atol=PRECISION[to])
     assert_array_equal(mesh.faces, faces)
 
 
 def test_ply_is_binary(two_cubes):
-    content = mesh_file(*two_cubes, "ply")
+    content = encode_mesh(*two_cubes, "ply")
     assert content.startswith(b"ply\nformat binary_little_endian 1.0\n")
 
 
 def test_obj_has_an_object_vertices_and_faces(two_cubes):
-    lines = mesh_file(*two_cubes, "obj").decode().splitlines()
+    lines = encode_mesh(*two_cubes, "obj").decode().splitlines()
     assert {line.split()[0] for line in lines} == {"o", "v", "f"}
 
 
 def test_glb_says_its_length_and_is_no_metal(two_cubes):
     """Which would be black."""
-    content = mesh_file(*two_cubes, "glb")
+    content = encode_mesh(*two_cubes, "glb")
     magic, version, length, size = struct.unpack("<4sIII", content[:16])
     (material,) = json.loads(content[20 : 20 + size])["materials"]
     assert magic == b"glTF"

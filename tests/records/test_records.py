@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
-from shapefit.records.columns import columns_of, fields_from, present_columns
+from shapefit.records.columns import columns_of, present_columns
 
 KINDS = ("shapes", "landmarks", "fit")
 
@@ -317,13 +317,6 @@ class TestWithoutNames:
 
     def test_landmarks_may_have_others(self, bare):
         assert bare.named("abc").landmark_names == ("a", "b", "c")
-
-
-def test_columns_by_their_names_in_files(fit):
-    columns = {"lambda": fit.shapes, "item": None, "flat": fit.status}
-    fields = fields_from(Fit, columns)
-    assert fields.keys() == {"lam", "extras"}
-    assert fields["extras"].keys() == {"flat"}
 
 
 @pytest.mark.parametrize("kind", [Landmarks, Shapes, Fit])

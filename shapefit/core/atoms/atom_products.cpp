@@ -7,7 +7,7 @@ namespace {
 
 constexpr Index MAX_PLACES = 256;  // of 19 KB each
 
-// B C^T (3, 3) of rows with a stride of `row`, which zeros fill up.
+// out = B C^T for B and C (3, row), whose rows end in zeros.
 void multiply(const double* B, const double* C, Index row, double (&out)[3][3]) {
     Doubles sums[3][3] = {};
     for (Index j = 0; j < row; j += WIDTH)

@@ -14,18 +14,23 @@ class AtomProducts {
     // Forget all products, as the atoms have changed.
     void clear() { ++generation_, taken_ = 0; }
 
-    // Make the products among some atoms; false where there are more atoms than places.
+    // Compute the missing products among the atoms `used` (count,); false where there
+    // are more of them than places.
     bool make(ReducedAtoms& atoms, const Index* used, Index count);
 
     // The place of atom i, after `make`.
     Index place(Index i) const { return place_[i]; }
 
-    // Entry (b, c) of B_i B_j^T is in row 3 b + c, column `place(j)` of (9, places).
+    // The products of atom i with all others, (9, places): entry (b, c) of B_i B_j^T is
+    // in row 3 b + c, column `place(j)`.
     const double* with(Index i) const { return products_ + 9 * place_[i] * places_; }
+    // How many atoms have a place at most.
     Index places() const { return places_; }
 
   private:
+    // Whether atom i has a place, with its products.
     bool has(Index i) const { return made_for_[i] == generation_; }
+    // Give atom i the next place, and compute its products with all that have one.
     void add(ReducedAtoms& atoms, Index i);
 
     Index places_, taken_ = 0, generation_ = 1;

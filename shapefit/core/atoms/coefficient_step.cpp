@@ -20,7 +20,7 @@ CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, Inde
       correlation_(workspace.zeros<double>(atoms.planes.padded_atoms)),
       magnitudes_(workspace.zeros<double>(atoms.planes.padded_atoms)) {}
 
-void CoefficientStep::aim(const double* w, double lam, bool is_signed) {
+void CoefficientStep::set_program(const double* w, double lam, bool is_signed) {
     w_ = w;
     lam_ = lam;
     is_signed_ = is_signed;
@@ -70,7 +70,7 @@ bool CoefficientStep::choose(const ActiveSet&, Index& next, double& sign) {
     return true;
 }
 
-// V_i = Rbar B_i, row after row, and <V_i, w>.
+// Store V_i = Rbar B_i, row after row, and h_i = <V_i, w>.
 void CoefficientStep::project(Index i) {
     const Index row = atoms_.row;
     const double* B = atoms_[i];
@@ -84,14 +84,14 @@ void CoefficientStep::project(Index i) {
     along_[i] = dot_padded(V, w_, 2 * row);
 }
 
-// residual = w - sum_i c_i V_i.
+// residual = w - sum_i c_i V_i, over the atoms in use.
 void CoefficientStep::find_residual() {
     const Index size = 2 * atoms_.row;
     for (Index j = 0; j < size; ++j) residual_[j] = w_[j];
     subtract_mixture(residual_, set.x, set.index, set.count, projected_, size, size);
 }
 
-// <Rbar B_i, residual> = <B_i, Rbar^T residual> for all atoms.
+// correlation_i = <Rbar B_i, residual> = <B_i, Rbar^T residual> for all atoms.
 void CoefficientStep::correlate() {
     const Index q = atoms_.q();
     const double *u = residual_, *v = residual_ + atoms_.row;

@@ -26,10 +26,11 @@ class CoefficientStep {
     // The coefficients; the step starts from them.
     ActiveSet set;
 
-    // Set what the steps to come minimise: w (2, row), lam, and the signs of c.
-    void aim(const double* w, double lam, bool is_signed);
+    // Set what later steps minimise: w (2, row), lam, and whether c may be negative.
+    void set_program(const double* w, double lam, bool is_signed);
 
-    // Take the step at R (3, 3); returns the minimum.
+    // Minimise over c at the rotation R (3, 3), from the coefficients in `set`; returns
+    // the least objective.
     double minimise_at(const double* R);
 
     // w - Rbar sum_i c_i B_i (2, row) at the end of the step.
@@ -38,14 +39,22 @@ class CoefficientStep {
     // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
     double mix(double* shape);
 
+    // The functions of `Terms`, see base/active_set.hpp.
+
+    // ||V_i||^2.
     double square(Index i) const {
         return dot_padded(projected(i), projected(i), 2 * atoms_.row);
     }
+    // out_e = <V_i, V_used_e> for e < m.
     void overlaps(Index i, const Index* used, Index m, double* out) const;
+    // h_i - lam sign, the linear term of atom i.
     double linear_term(Index i, double sign) const { return along_[i] - lam_ * sign; }
+    // Set `next` to the unused atom with the largest correlation with the residual, and
+    // its sign; false where no correlation exceeds lam.
     bool choose(const ActiveSet& used, Index& next, double& sign);
 
   private:
+    // V_i (2, row).
     double* projected(Index i) const { return projected_ + i * 2 * atoms_.row; }
     void project(Index i);
     void find_residual();

@@ -1,10 +1,8 @@
 #include "reduced_atoms.hpp"
 
-#include <string.h>
-
 namespace shapefit {
 
-void Reduction::find(Vector<const double> omega) {
+void Reduction::set_weights(Vector<const double> omega) {
     visible_count = 0;
     double total = 0;
     for (Index j = 0; j < omega.size[0]; ++j) {
@@ -40,7 +38,7 @@ void Reduction::expand(const double* y, double* out, Index p) const {
     out[visible[visible_count - 1]] = -along * h[visible_count - 1];
 }
 
-Planes find_planes(Tensor<const double> atoms, Workspace& workspace) {
+Planes make_planes(Tensor<const double> atoms, Workspace& workspace) {
     const Index k = atoms.size[0], p = atoms.size[2];
     Planes planes{workspace.zeros<double>(3 * p * padded(k)), p, padded(k)};
     for (Index i = 0; i < k; ++i)
@@ -51,7 +49,7 @@ Planes find_planes(Tensor<const double> atoms, Workspace& workspace) {
 
 namespace {
 
-// `count` vectors of atoms from i.
+// N_i = Y B_i^T for `count` vectors of atoms from i on.
 template <int count>
 [[gnu::always_inline]] inline void correlate_some(const Planes& B, const double* y0,
                                                   const double* y1, double* N,
@@ -69,10 +67,11 @@ template <int count>
             store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
 }
 
-// out_i = <B_i, X> for so many vectors of atoms from i on.
+// out_i = <X, B_i> for `count` vectors of atoms from i on.
 template <int count>
-[[gnu::always_inline]] inline void find_some(const Planes& B, const double* X,
-                                             double* out, Index i) {
+[[gnu::always_inline]] inline void find_some_inner_products(const Planes& B,
+                                                            const double* X,
+                                                            double* out, Index i) {
     Doubles sums[3][count] = {};
     for (Index j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
@@ -96,8 +95,8 @@ void find_inner_products(const Planes& B, const double* X, double* out) {
     constexpr int MANY = 4;
     Index i = 0;
     for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH)
-        find_some<MANY>(B, X, out, i);
-    for (; i < B.padded_atoms; i += WIDTH) find_some<1>(B, X, out, i);
+        find_some_inner_products<MANY>(B, X, out, i);
+    for (; i < B.padded_atoms; i += WIDTH) find_some_inner_products<1>(B, X, out, i);
 }
 
 double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
@@ -124,18 +123,12 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
     return root(most);
 }
 
-// B_i <- factor B_i.
 void ReducedAtoms::scale(double factor) {
     for (Index e = 0; e < planes.size(); e += WIDTH)
         store(planes.data + e, factor * load(planes.data + e));
 }
 
-void ReducedAtoms::copy() {
-    resize(all_.columns);
-    memcpy(planes.data, all_.data, sizeof(double) * all_.size());
-}
-
-// Set the number of coordinates; rows that were copied before are out of date.
+// Set q; rows that were copied before are copied again when they are next asked for.
 void ReducedAtoms::resize(Index coordinates) {
     planes.columns = coordinates;
     row = padded(coordinates);
@@ -152,9 +145,9 @@ const double* ReducedAtoms::copy_rows(Index i) {
     return B;
 }
 
-bool ReducedImage::take(Matrix<const double> W, Vector<const double> weights) {
+bool ReducedImage::reduce(Matrix<const double> W, Vector<const double> weights) {
     if (!last_weights_ || !are_equal(weights.data, last_weights_, weights.size[0])) {
-        reduction.find(weights);
+        reduction.set_weights(weights);
         largest_norm = atoms.reduce(weights.data, reduction);
         for (Index j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
     }

@@ -16,6 +16,7 @@
 
 namespace shapefit {
 
+// The reduction of the landmarks and atoms of an image, which follows from its weights.
 struct Reduction {
     Index visible_count = 0;  // visible landmarks; q = visible_count - 1
     Vector<Index> visible;    // (p,) their indices
@@ -24,27 +25,28 @@ struct Reduction {
     Reduction(Workspace& workspace, Index p)
         : visible(workspace.vector<Index>(p)), h(workspace.vector<double>(p)) {}
 
+    // The number of coordinates, q.
     Index coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
     // Set `visible` to the landmarks of positive weight in omega (p,), and h to their
     // reflection.
-    void find(Vector<const double> omega);
+    void set_weights(Vector<const double> omega);
 
     // out = the first q entries of ((x - anchor) o omega)(I - h h^T); x and omega (p,).
     void reduce(const double* x, const double* omega, double* out,
                 double anchor = 0) const;
 
-    // Landmarks W (2, p) likewise, in rows `stride` apart: from the first one that is
-    // seen, so that no digits are lost where they are far from the origin, and those on
-    // one point are exactly 0.
+    // Reduce both rows of the landmarks W (2, p), to rows of out `stride` apart. The
+    // first visible landmark is the anchor, so that no digits are lost where they are
+    // far from the origin, and landmarks on one point become exactly 0.
     void reduce_landmarks(Matrix<const double> W, const double* omega, double* out,
                           Index stride) const {
         for (int a = 0; a < 2; ++a)
             reduce(W[a].data, omega, out + a * stride, W[a][visible[0]]);
     }
 
-    // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to
-    // omega. out (p,).
+    // out (p,) = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere, for y (q,):
+    // the transpose of `reduce`, orthogonal to omega.
     void expand(const double* y, double* out, Index p) const;
 };
 
@@ -58,16 +60,19 @@ struct Planes {
     Index columns = 0;
     Index padded_atoms = 0;
 
+    // How many numbers there are in `data`.
     Index size() const { return 3 * columns * padded_atoms; }
 
-    // Entry (b, j) of atoms i, i + 1, ... up to the next multiple of PADDING.
+    // Where entries (b, j) of atoms i, i + 1, ... up to the next multiple of PADDING
+    // begin.
     double* at(int b, Index j, Index i) const {
         return data + ((i / PADDING * columns + j) * 3 + b) * PADDING + i % PADDING;
     }
 };
 
-// B (k, 3, p) as planes.
-Planes find_planes(Tensor<const double> atoms, Workspace& workspace);
+// Copy the atoms B (k, 3, p) to an array in which the atoms are innermost, padded with
+// zero atoms.
+Planes make_planes(Tensor<const double> atoms, Workspace& workspace);
 
 // N_i = Y B_i^T for all atoms: rows y0, y1 of Y (2, columns), N (6, padded).
 void correlate(const Planes& B, const double* y0, const double* y1, double* N);
@@ -75,7 +80,7 @@ void correlate(const Planes& B, const double* y0, const double* y1, double* N);
 // out_i = <X, B_i> for all atoms: X (3, columns), out (padded,).
 void find_inner_products(const Planes& B, const double* X, double* out);
 
-// The atoms of one image after another.
+// The reduced atoms of one image after another.
 class ReducedAtoms {
   public:
     const Index k;  // atoms
@@ -90,17 +95,17 @@ class ReducedAtoms {
           rows_(workspace.zeros<double>(k * 3 * padded(all.columns))),
           is_copied_(workspace.zeros<bool>(k)) {}
 
+    // The number of coordinates.
     Index q() const { return planes.columns; }
 
-    // (B_i o omega)(I - h h^T); returns the largest norm.
+    // Set the atoms to the first q columns of (B_i o omega)(I - h h^T); returns their
+    // largest Frobenius norm.
     double reduce(const double* omega, const Reduction& reduction);
+    // B_i <- factor B_i.
     void scale(double factor);
 
-    // Take all atoms as they are, not reduced: q = p.
-    void copy();
-
-    // B_i (3, row). Few atoms of an image are ever used: rows are copied out of the
-    // planes when they are asked for.
+    // B_i (3, row), with zeros from q on. Few atoms of an image are ever used: rows are
+    // copied out of the planes when they are first asked for.
     const double* operator[](Index i) {
         return is_copied_[i] ? rows_ + i * 3 * row : copy_rows(i);
     }
@@ -114,16 +119,16 @@ class ReducedAtoms {
     bool* is_copied_;
 };
 
-// One image after another, with the same atoms.
+// The reduced landmarks and atoms of one image after another, of the same atoms.
 struct ReducedImage {
     ReducedImage(Workspace& workspace, Tensor<const double> all)
         : reduction(workspace, all.size[2]),
-          atoms(workspace, find_planes(all, workspace), all.size[0]),
+          atoms(workspace, make_planes(all, workspace), all.size[0]),
           w(workspace.zeros<double>(2 * padded(all.size[2]))) {}
 
     // Reduce landmarks W (2, p), and the atoms unless the weights are the last image's;
     // false where fewer than two landmarks are seen.
-    bool take(Matrix<const double> W, Vector<const double> weights);
+    bool reduce(Matrix<const double> W, Vector<const double> weights);
 
     Reduction reduction;
     ReducedAtoms atoms;

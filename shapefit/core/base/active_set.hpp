@@ -33,10 +33,10 @@
 
 namespace shapefit {
 
-// The used coefficients x = x_e at places index_e, and room to work in.
+// The used coefficients: number e is x_e, the coefficient index_e of the program, with
+// its sign_e.
 struct ActiveSet {
-    // For at most `capacity` coefficients that are not 0 at a time, those of the start
-    // included.
+    // For at most `capacity` used coefficients at a time.
     ActiveSet(Workspace& workspace, Index capacity)
         : capacity(capacity),
           index(workspace.zeros<Index>(capacity + 1)),
@@ -52,7 +52,8 @@ struct ActiveSet {
         factor.clear();
     }
 
-    // Add coefficient i to those in use; the factor takes it up later.
+    // Add coefficient i, with this value and sign, to those in use; its vector joins
+    // the factor later.
     void use(Index i, double value, double its_sign) {
         index[count] = i;
         x[count] = value;
@@ -65,7 +66,7 @@ struct ActiveSet {
         for (Index e = 0; e < count; ++e) c[index[e]] = x[e];
     }
 
-    // Take the coefficient at a place of the list out of use, and out of the factor.
+    // Remove the used coefficient number `at`, and its vector from the factor.
     void drop(Index at) {
         if (at < factor.size()) factor.remove(at);
         --count;
@@ -78,8 +79,9 @@ struct ActiveSet {
 
     Index count = 0, capacity;
     Index* index;
-    double *x, *sign, *goal, *column;
-    Cholesky factor;        // of the first of them; the others wait
+    double *x, *sign;
+    double *goal, *column;  // scratch: the minimum over the used ones, and a right side
+    Cholesky factor;        // of the vectors of the first ones; the others join later
     double multiplier = 0;  // mu of a^T x = 1: h - Q x = mu a at the used ones
 };
 
@@ -87,14 +89,15 @@ struct ActiveSet {
 // once, for it promises a gain by rounding only; the number of rounds ran out.
 enum class Ending { OPTIMAL, ROUNDING, LIMIT };
 
-// A used coefficient that reached 0 (none: -1), and the way that was gone until then.
+// How a step ended: the used coefficient that reached 0 (none: -1), and the length of
+// the step, as a multiple of its direction.
 struct Blocked {
     Index at = -1;
     double length = 0;
 };
 
-// Take a step of up to `longest` along `direction` (count,), to the first coefficient
-// that reaches 0.
+// x += length * direction (count,), for the largest length <= longest at which no used
+// coefficient changes its sign; returns it, with the coefficient that reached 0.
 inline Blocked step_along(ActiveSet& set, const double* direction, Index count,
                           double longest) {
     Blocked blocked{-1, longest};
@@ -109,7 +112,8 @@ inline Blocked step_along(ActiveSet& set, const double* direction, Index count,
     return blocked;
 }
 
-// Go towards the minimum over the used coefficients. All of them are in the factor.
+// Step towards the minimum over the used coefficients, whose vectors are all in the
+// factor, until it or a coefficient of 0 is reached.
 template <class Terms>
 Blocked improve(const Terms& terms, ActiveSet& set) {
     const Index m = set.count;
@@ -133,8 +137,9 @@ Blocked improve(const Terms& terms, ActiveSet& set) {
     return blocked;
 }
 
-// The vector after those of the factor depends on them: go along sum_e d_e V_e = 0
-// downhill. `set.column` is what the factor left: d = (-W u, 1).
+// Step downhill along d with sum_e d_e V_e = 0 until a coefficient reaches 0, where the
+// vector after those of the factor depends on them. `set.column` is d = (-W u, 1), as
+// the factor left it.
 template <class Terms>
 Blocked exchange(const Terms& terms, ActiveSet& set) {
     const Index last = set.factor.size();
@@ -153,8 +158,8 @@ Blocked exchange(const Terms& terms, ActiveSet& set) {
 
 constexpr Index MANY = 8;  // vectors from which on they join together
 
-// Bring all used vectors into the factor; false at the first that depends on those
-// before it.
+// Let all used vectors join the factor; false at the first that depends on those before
+// it.
 template <class Terms>
 bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
     if (set.factor.size() == 0 && set.count >= MANY) {
@@ -180,9 +185,9 @@ bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
     return true;
 }
 
-// Minimise over the used coefficients, with fewer of them in the end where they change
-// sign. `newest` says that the last one has just been chosen; returns whether that one
-// left at once.
+// Minimise over the used coefficients; those that reach 0 on the way are dropped.
+// `newest`: the last one has just been chosen; returns whether that one was dropped
+// before it moved.
 template <class Terms>
 bool minimise_used(const Terms& terms, ActiveSet& set, double dependent, bool newest) {
     while (set.count > 0) {
@@ -200,9 +205,9 @@ bool minimise_used(const Terms& terms, ActiveSet& set, double dependent, bool ne
 
 constexpr Index ROUNDS_BETWEEN_LOOKS = 16;  // most minimisations take fewer
 
-// Minimise from the coefficients in the set on, each in use with its sign. `dependent`
-// is the share of a vector's square outside the span of the others at which it depends
-// on them.
+// Minimise the program of `terms`, from the coefficients in the set; its solution is in
+// the set then. A vector depends on others where the share of its square outside their
+// span is at most `dependent`.
 template <class Terms>
 Ending minimise(Terms& terms, ActiveSet& set, double dependent, Index max_rounds) {
     set.factor.clear();
@@ -235,17 +240,22 @@ struct DenseTerms {
     const double* a;       // (k,), where `has_scale`
     const double* weight;  // (k,)
     double least;
-    double* score;  // (k,), room
+    double* score;  // (k,), scratch memory
     Index k;
 
+    // Q_ii, the square of the length of vector i.
     double square(Index i) const { return Q[i * k + i]; }
+    // h_i, the linear term of coefficient i.
     double linear_term(Index i, double) const { return h[i]; }
+    // a_i, the factor of coefficient i in a^T x = 1.
     double size(Index i) const { return a[i]; }
 
+    // out_e = Q_i,used_e for e < m, the inner products of vector i with the used ones.
     void overlaps(Index i, const Index* used, Index m, double* out) const {
         for (Index e = 0; e < m; ++e) out[e] = Q[i * k + used[e]];
     }
 
+    // Set `next` to the coefficient to use next; false where there is none.
     bool choose(const ActiveSet& set, Index& next, double&) {
         const double mu = set.multiplier;
         for (Index i = 0; i < k; ++i) score[i] = has_scale ? h[i] - mu * a[i] : h[i];

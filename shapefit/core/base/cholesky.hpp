@@ -32,14 +32,15 @@ class Cholesky {
           y_(workspace.zeros<double>(stride_)),
           u_(workspace.zeros<double>(stride_)) {}
 
+    // The number of vectors in use.
     Index size() const { return size_; }
+    // Remove all vectors.
     void clear() { size_ = 0; }
 
-    // Let a vector join: `overlaps` Q_used,v, zeros after it up to padded(size + 1),
-    // overwritten by
-    // (-W u, 1), which is orthogonal to those in use; `square` Q_vv; `linear_term` h_v.
-    // Where pivot^2 <= dependent * square or nan, it is lifted to that if `lifted`, and
-    // else the factor stays as it was: then false is returned.
+    // Let a vector v join: `overlaps` is Q_used,v, with zeros after it up to
+    // padded(size + 1), and is overwritten by (-W u, 1); `square` is Q_vv,
+    // `linear_term` h_v. Where pivot^2 <= dependent * square or nan, it is raised to
+    // that if `lifted`; else false is returned, and the factor stays as it was.
     bool append(double* overlaps, double square, double linear_term, double dependent,
                 bool lifted) {
         double rest = square, rest_of_linear_term = linear_term;
@@ -59,12 +60,13 @@ class Cholesky {
         return true;
     }
 
-    // Where the Gram matrix of many vectors stands from the diagonal on, before
-    // `append_all`, with h_e in the place after the last of them.
+    // Where the caller of `append_all` writes row e of the Gram matrix of all vectors,
+    // from the diagonal on, and h_e after its last entry.
     double* row(Index e) { return rows_ + e * stride_; }
 
-    // The first `count` vectors of all, as if they joined one after another; at the
-    // first that is refused `minus_Wu` is as `append` leaves its overlaps.
+    // Let the first `count` vectors join one after another, by their Gram matrix in
+    // `row`, in the place of all in use; false at the first that `append` would refuse,
+    // where `minus_Wu` is as `append` leaves its overlaps.
     //
     // U row by row, less the products of the rows above, which are summed in registers.
     // `append` takes a sum across lanes for each of them.
@@ -90,7 +92,7 @@ class Cholesky {
         return true;
     }
 
-    // Let the vector at place `at` leave; later ones move up.
+    // Remove vector number `at`; later ones move up.
     void remove(Index at) {
         for (Index e = at; e + 1 < size_; ++e) {
             turn_columns(e, at);
@@ -101,12 +103,12 @@ class Cholesky {
         --size_;
     }
 
-    // out = Q^-1 h (padded).
+    // out = Q^-1 h of the vectors in use (padded).
     void solve(double* out) const {
         mix_rows(y_, size_, columns_, stride_, padded(size_), out);
     }
 
-    // x <- Q^-1 x (padded).
+    // x <- Q^-1 x for one number of each vector in use (padded).
     void solve_for(double* x) const {
         for (Index e = size_; e < padded(size_); ++e) x[e] = 0;
         for (Index e = 0; e < size_; ++e)
@@ -115,7 +117,8 @@ class Cholesky {
     }
 
   private:
-    // The vector whose column of W is (minus_Wu, 1) * inverse.
+    // Append (minus_Wu, 1) * inverse to the columns of W, and the entry of its vector
+    // to y.
     void join(const double* minus_Wu, double inverse, double rest_of_linear_term) {
         const Index width = padded(size_);
         double* added = column(size_);
@@ -125,8 +128,8 @@ class Cholesky {
         y_[size_++] = inverse * rest_of_linear_term;
     }
 
-    // 8 columns of row `size_` of the Gram matrix, less the products of the rows of U
-    // above.
+    // Subtract from 8 columns of row `size_` of the Gram matrix, from `block` on, the
+    // products of the rows of U above.
     void subtract_rows_above(double* current, Index block) {
         Doubles rest[PADDING / WIDTH];
         for (Index l = 0; l < PADDING / WIDTH; ++l)
@@ -140,9 +143,11 @@ class Cholesky {
             store(current + block + l * WIDTH, rest[l]);
     }
 
+    // Column e of W.
     double* column(Index e) const { return columns_ + e * stride_; }
 
-    // Turn columns e and e + 1 until row `at` of the first is 0.
+    // Rotate columns e and e + 1 of W, and entries e and e + 1 of y with them, so that
+    // row `at` of the first becomes 0 (Givens).
     void turn_columns(Index e, Index at) {
         double* __restrict first = column(e);
         double* __restrict second = column(e + 1);

@@ -12,11 +12,14 @@ constexpr double MIN_PIVOT = 1e-12;  // smaller ones are lifted to it
 // n, up to the next multiple of TILE.
 constexpr Index tiled(Index n) { return (n + TILE - 1) / TILE * TILE; }
 
-// Of n rows, a multiple of TILE; the tiles on the diagonal are whole.
+// A lower triangular matrix of n rows, a multiple of TILE, stored row after row; the
+// tiles on the diagonal are whole.
 template <class Lanes>
 struct Triangle {
+    // How many entries n rows have.
     static constexpr Index size(Index n) { return n * (n + TILE) / 2; }
 
+    // Where row i begins.
     [[gnu::always_inline]] Lanes* operator[](Index i) const {
         const Index tile = i / TILE;
         return data + TILE * (tile + 1) * (TILE * tile / 2 + i % TILE);
@@ -46,7 +49,8 @@ template <class Lanes, int columns, class A, class B>
 template <class Lanes>
 using Tile = Lanes[TILE][TILE];
 
-// X <- (X - sums) L^-T for a tile X beside a tile L on the diagonal.
+// X <- (X - sums) L^-T for a tile X, its rows at x, left or below of a tile L on the
+// diagonal; reciprocal_c = 1 / L_cc. `sums` is overwritten.
 template <class Lanes>
 [[gnu::always_inline]] inline void solve_tile(Lanes* const* x, Tile<Lanes>& sums,
                                               const Lanes* const* L,
@@ -62,7 +66,8 @@ template <class Lanes>
         }
 }
 
-// The Cholesky factor of a tile less sums; returns log det.
+// X <- L with X - sums = L L^T for a tile X on the diagonal, its rows at x, and
+// reciprocal_c = 1 / L_cc; returns log det (X - sums). `sums` is overwritten.
 template <class Lanes>
 [[gnu::always_inline]] inline Lanes factorise_tile(Lanes* const* x, Tile<Lanes>& sums,
                                                    Lanes* reciprocal) {
@@ -84,7 +89,8 @@ template <class Lanes>
     return logarithm(product);
 }
 
-// X <- -L^-1 X for the sums X beside a tile L on the diagonal.
+// X <- -L^-1 X for a tile X and a tile L on the diagonal, its rows at L; reciprocal_r =
+// 1 / L_rr.
 template <class Lanes>
 [[gnu::always_inline]] inline void solve_back(Tile<Lanes>& X, Lanes* const* L,
                                               const Lanes* reciprocal) {
@@ -99,7 +105,8 @@ template <class Lanes>
         }
 }
 
-// S = L L^T in place, zeros above the diagonal, with 1 / L_ii; returns log det S.
+// S <- L with S = L L^T, zeros above the diagonal in its tiles, and reciprocal_i = 1 /
+// L_ii; returns log det S.
 template <class Lanes>
 Lanes factorise(Index n, Triangle<Lanes> S, Lanes* reciprocal) {
     Lanes log_det = {};
@@ -121,7 +128,7 @@ Lanes factorise(Index n, Triangle<Lanes> S, Lanes* reciprocal) {
     return log_det;
 }
 
-// L <- L^-1 in place.
+// L <- L^-1, given reciprocal_i = 1 / L_ii.
 template <class Lanes>
 void invert(Index n, Triangle<Lanes> L, const Lanes* reciprocal) {
     for (Index i = 0; i < n; i += TILE) {
@@ -143,7 +150,7 @@ void invert(Index n, Triangle<Lanes> L, const Lanes* reciprocal) {
     }
 }
 
-// out_v = M x_v for `count` vectors of n numbers, one after another.
+// out_v = M x_v for `count` vectors x_v of n numbers, one after another in memory.
 template <int count, class Lanes>
 [[gnu::always_inline]] inline void multiply(Index n, Triangle<Lanes> M, const Lanes* x,
                                             Lanes* __restrict out) {
@@ -157,7 +164,7 @@ template <int count, class Lanes>
     }
 }
 
-// out_v = M^T x_v likewise.
+// out_v = M^T x_v for `count` vectors x_v of n numbers, one after another in memory.
 template <int count, class Lanes>
 [[gnu::always_inline]] inline void multiply_transposed(Index n, Triangle<Lanes> M,
                                                        const Lanes* x,

@@ -16,9 +16,10 @@ constexpr double INFINITE = __builtin_huge_val();
 constexpr double NOT_A_NUMBER = __builtin_nan("");
 constexpr double TINY = 1e-300;  // in place of a zero divisor
 
-// sqrt, abs, max, min and so on; sign_of(0) is 0.
+// sqrt(x) and |x|.
 inline double root(double x) { return __builtin_sqrt(x); }
 inline double magnitude(double x) { return __builtin_fabs(x); }
+// The functions of <math.h>.
 inline double exp(double x) { return __builtin_exp(x); }
 inline double log(double x) { return __builtin_log(x); }
 inline double log1p(double x) { return __builtin_log1p(x); }
@@ -27,10 +28,12 @@ inline double cos(double x) { return __builtin_cos(x); }
 inline double copysign(double size, double sign) {
     return __builtin_copysign(size, sign);
 }
+// x^2, max(a, b), min(a, b), and the sign of x, 0 for 0.
 inline double square(double x) { return x * x; }
 inline double larger(double a, double b) { return a > b ? a : b; }
 inline double smaller(double a, double b) { return a < b ? a : b; }
 inline double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
+// Whether x is neither infinite nor nan.
 inline bool is_finite(double x) { return magnitude(x) < INFINITE; }
 
 #if defined(__AVX512F__)
@@ -52,15 +55,15 @@ constexpr Index PADDING = 8;
 // n, up to the next multiple of PADDING.
 constexpr Index padded(Index n) { return (n + PADDING - 1) / PADDING * PADDING; }
 
-// WIDTH numbers from memory, at any address, and back.
+// Load WIDTH numbers from any address, and store them there.
 inline Doubles load(const double* x) {
     return *reinterpret_cast<const LooseDoubles*>(x);
 }
 inline void store(double* x, Doubles value) {
     *reinterpret_cast<LooseDoubles*>(x) = value;
 }
-// What <immintrin.h> names _mm_sqrt_pd and so on, without the seconds that it takes to
-// read.
+// The square roots, lane by lane: what <immintrin.h> names _mm_sqrt_pd and so on,
+// without the seconds that it takes to read.
 inline Doubles root(Doubles x) {
 #if defined(__AVX512F__) && !defined(__clang__)
     return __builtin_ia32_sqrtpd512_mask(x, x, -1,
@@ -86,16 +89,16 @@ inline Singles root(Singles x) {
     return x;
 #endif
 }
-// The functions of numbers, lane by lane.
+// max(a, b), min(a, b) and |x|, lane by lane.
 inline Doubles larger(Doubles a, Doubles b) { return a > b ? a : b; }
 inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
 inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
 inline Singles smaller(Singles a, Singles b) { return a < b ? a : b; }
 inline Doubles magnitude(Doubles x) { return x < 0.0 ? -x : x; }
-// All lanes alike.
+// A vector with x in all lanes.
 inline Doubles all(double x) { return Doubles{} + x; }
-// For functions of lanes of either precision: what a lane holds, how many there are,
-// all alike.
+// For functions of lanes of either precision: the type of a lane, the number of lanes,
+// and x in all of them.
 template <class Lanes>
 using Number = std::remove_cvref_t<decltype(Lanes{}[0])>;
 template <class Lanes>
@@ -104,19 +107,21 @@ template <class Lanes>
 inline Lanes all(double x) {
     return Lanes{} + static_cast<Number<Lanes>>(x);
 }
-// max and sum over the lanes.
+// The largest lane.
 template <class Lanes>
 inline double largest(Lanes x) {
     double result = x[0];
     for (int lane = 1; lane < width<Lanes>; ++lane) result = larger(result, x[lane]);
     return result;
 }
+// The sum of the lanes.
 inline double sum(Doubles x) {
     double total = 0;
     for (int lane = 0; lane < WIDTH; ++lane) total += x[lane];
     return total;
 }
 
+// x^2, lane by lane.
 inline Doubles square(Doubles x) { return x * x; }
 
 // exp(x) without a call, so that a loop over many x becomes vector instructions: to a
@@ -148,8 +153,8 @@ inline double power_of_e(double x) {
     return series * __builtin_bit_cast(double, exponent);
 }
 
-// log(1 + x) without a call, likewise: for finite x >= 0, to a relative error of a few
-// roundings; nan for nan.
+// log(1 + x) without a call, so that a loop over many x becomes vector instructions:
+// for finite x >= 0, to a relative error of a few roundings; nan for nan.
 //
 // 1 + x = 2^e (1 + f) with 1 + f in [0.7, 1.42), and e = 0, f = x without rounding for
 // small x: then log(1 + f) = 2 atanh(s) = 2 s (1 + s^2 / 3 + s^4 / 5 + ...) at s = f /
@@ -178,9 +183,10 @@ inline Lanes exponential(Lanes x) {
     return x;
 }
 
+// log x, under the name that it has for lanes.
 inline double logarithm(double x) { return log(x); }
 
-// log x for x > 2^-60.
+// log x, lane by lane, for x > 2^-60.
 template <class Lanes>
 inline Lanes logarithm(Lanes x) {
     constexpr double GROWN = 0x1p60, LOG_GROWN = 60 * 0x1.62e42fefa39efp-1;

@@ -11,11 +11,13 @@
 
 namespace shapefit {
 
+// An array of Python's: the address of its first element, and the size of each axis.
 template <class T, int rank>
 struct View {
     T* data = nullptr;
     Index size[rank] = {};
 
+    // Entry i along the first axis, an array of the other axes.
     View<T, rank - 1> operator[](Index i) const {
         View<T, rank - 1> part;
         Index stride = 1;
@@ -26,6 +28,7 @@ struct View {
         part.data = data + i * stride;
         return part;
     }
+    // This array, for those who only read it.
     operator View<const T, rank>() const
         requires(!std::is_const_v<T>)
     {
@@ -69,15 +72,16 @@ struct Range {
 // file is cut into batches of whole blocks.
 constexpr Index IMAGES_PER_BLOCK = 64;
 
-// From outside the code of any instruction set.
+// Throw std::bad_alloc where `bytes` could not be allocated; bind/module.cpp defines
+// it, outside the code of any instruction set.
 [[noreturn]] void raise_out_of_memory(Index bytes);
 
-// Ends the call of the kernel where the program has been asked to end, by throwing.
-// Every loop that may take long asks once a step; it costs as much as a look at the
+// Throw where the program has been asked to end, which ends the call of the kernel.
+// Every loop that may take long calls this once a step; it costs as much as reading the
 // clock.
 void check_interrupt();
 
-// Blocks of zeros that live as long as the workspace.
+// Memory of one call of a kernel: arrays of zeros, which are freed with the workspace.
 class Workspace {
   public:
     Workspace() = default;
@@ -91,7 +95,7 @@ class Workspace {
         }
     }
 
-    // `count` zeros, aligned to 64 bytes and followed by a vector's worth of padding.
+    // Allocate `count` zeros, aligned to 64 bytes and followed by 64 bytes of padding.
     template <class T>
     T* zeros(Index count) {
         const size_t bytes =
@@ -107,7 +111,7 @@ class Workspace {
         return reinterpret_cast<T*>(block + 1);
     }
 
-    // Arrays of zeros.
+    // Allocate arrays of zeros of these sizes.
     template <class T>
     Vector<T> vector(Index n) {
         return {zeros<T>(n), {n}};

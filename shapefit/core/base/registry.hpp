@@ -50,11 +50,12 @@ struct Status {
 class Arguments;
 
 // The name and shape of an argument as it is listed; the type is that of the member
-// that takes it.
+// that it initialises.
 struct Argument {
     Arguments& from;
     const char *name, *shape;
 
+    // Its value in the call: see the functions `take_` of Arguments.
     template <class T, int rank>
     operator View<T, rank>() const;
     operator double() const;
@@ -62,29 +63,30 @@ struct Argument {
     operator bool() const;
 };
 
-// Those of a call, or of none, when only the list is wanted; and what the call gives
-// back.
+// The arguments of one call and the count that it returns; or, where only the list of
+// arguments is wanted, of no call.
 class Arguments {
   public:
+    // The argument of this name and shape, to initialise a member of the data with.
     Argument operator()(const char* name, const char* shape = "") {
         return {*this, name, shape};
     }
 
-    // The value of the keyword that the argument names, as an array, whose type is that
-    // of `array`, a number, a whole number or a flag. Of a call each is taken once, and
-    // a keyword that nobody has taken is an error.
+    // The value of the keyword that the argument names: an array, of the element type
+    // and rank of `array`, which is pointed at it; a number; an integer; a flag. Each
+    // keyword of a call is taken once, and one that nobody has taken is an error.
     virtual void take_array(const Argument& argument, AnyArray& array) = 0;
     virtual double take_number(const Argument& argument) = 0;
     virtual Index take_count(const Argument& argument) = 0;
     virtual bool take_flag(const Argument& argument) = 0;
 
-    // After the last argument of a function that is called once: whether it is to be
-    // called.
+    // Called after the last argument of a function that is called once; returns whether
+    // the function is to be called.
     virtual bool begin() = 0;
-    // Likewise of a kernel: call it on ranges that cover all images, on several
-    // threads.
+    // Called after the last argument of a kernel: call it on ranges that cover all
+    // images, on several threads.
     virtual void run(void (*kernel)(const void* data, Range), const void* data) = 0;
-    // What the function returns.
+    // Set the count that the call returns to Python.
     virtual void give_count(Index value) = 0;
 
   protected:
@@ -105,6 +107,8 @@ Argument::operator View<T, rank>() const {
     return view;
 }
 
+// A function that Python sees. Constructing one adds it to the list that begins with
+// `first`.
 struct Function {
     Function(const char* name, bool silent, void (*call)(Arguments&))
         : name(name), silent(silent), call(call), next(first) {
@@ -119,6 +123,8 @@ struct Function {
     inline static const Function* first = nullptr;
 };
 
+// How a function is called: its data are made of the arguments, and a kernel goes to
+// `Arguments::run`. `silent`: it returns nothing.
 template <auto function>
 struct Caller;
 
@@ -144,6 +150,7 @@ struct Caller<function> {
     }
 };
 
+// Lists a function under the name that Python calls it by.
 template <auto function>
 struct Exported : Function {
     explicit Exported(const char* name)

@@ -7,14 +7,15 @@ namespace {
 
 constexpr Index LARGE = 256;  // rows from which on a factorisation takes long
 
-// row -= share other, from the vector of column j on.
+// row_c -= share other_c for columns j <= c < end; some before j change too.
 void subtract(double* __restrict row, double share, const double* other, Index j,
               Index end) {
     for (Index c = j / PADDING * PADDING; c < end; ++c) row[c] -= share * other[c];
 }
 
-// U in the place of four rows, which have lost what the rows above take; false where S
-// has no U.
+// Overwrite rows i .. i + 3 of S, from which the products of the rows above have been
+// subtracted, by rows of the Cholesky factor U, S = U^T U. Adds their part of log det
+// S; false where S is not positive definite.
 bool factorise_rows(double* S, Index i, Index stride, double& log_det) {
     double product = 1;
     for (Index r = i; r < i + TILE_ROWS; ++r) {
@@ -31,8 +32,8 @@ bool factorise_rows(double* S, Index i, Index stride, double& log_det) {
     return true;
 }
 
-// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for four rows, which have lost what the
-// rows above take.
+// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for rows i .. i + 3, which already hold
+// -sum_(k < i) U_kr V_k.
 void invert_rows(const double* U, double* V, Index i, Index stride) {
     for (Index r = i; r < i + TILE_ROWS; ++r) {
         double* row = V + r * stride;
@@ -81,14 +82,14 @@ namespace {
 constexpr int MAX_SWEEPS = 30;
 constexpr double ROUNDING = 0x1p-56;  // of an entry beside the norm of the matrix
 
-// ||A||_F
+// ||A||_F of a square A.
 double norm(Matrix<const double> A) {
     double total = 0;
     for (Index e = 0; e < A.size[0] * A.size[1]; ++e) total += square(A.data[e]);
     return root(total);
 }
 
-// (x, y) <- (c x - s y, s x + c y)
+// (x, y) <- (c x - s y, s x + c y) for two rows of `count` numbers.
 void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
                  Index count) {
     for (Index e = 0; e < count; ++e) {
@@ -98,7 +99,7 @@ void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
     }
 }
 
-// Turn axes p and q so that A_pq becomes 0.
+// Rotate axes p and q of A, and rows p and q of V, so that A_pq becomes 0 (Jacobi).
 void rotate(Matrix<double> A, Matrix<double> V, Index p, Index q) {
     const Index m = A.size[0];
     const double pp = A[p][p], qq = A[q][q], pq = A[p][q];
@@ -117,7 +118,7 @@ void rotate(Matrix<double> A, Matrix<double> V, Index p, Index q) {
     A[p][q] = A[q][p] = 0;
 }
 
-// Exchange rows so that the values ascend.
+// Sort the values in ascending order, and the rows of V with them.
 void sort(Vector<double> values, Matrix<double> V) {
     const Index m = values.size[0];
     for (Index i = 0; i < m; ++i) {

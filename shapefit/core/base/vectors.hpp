@@ -13,7 +13,7 @@ namespace shapefit {
     return total;
 }
 
-// Whether n numbers are the same; nan differs from itself.
+// Whether x_i = y_i for all i < n; nan differs from itself.
 inline bool are_equal(const double* x, const double* y, Index n) {
     for (Index i = 0; i < n; ++i)
         if (x[i] != y[i]) return false;
@@ -26,7 +26,7 @@ inline bool are_equal(const double* x, const double* y, Index n) {
     for (Index i = 0; i < n; ++i) y[i] += factor * x[i];
 }
 
-// <a, b> of padded rows.
+// sum_i a_i b_i of padded rows of n numbers.
 [[gnu::always_inline]] inline double dot_padded(const double* a, const double* b,
                                                 Index n) {
     Doubles even = {}, odd = {};
@@ -39,14 +39,15 @@ inline bool are_equal(const double* x, const double* y, Index n) {
     return sum(even + odd);
 }
 
-// P = S S^T (3, 3) of three padded rows.
+// P = S S^T (3, 3) for S (3, row), its rows padded.
 inline void find_gram(const double* S, Index row, double* P) {
     for (int a = 0; a < 3; ++a)
         for (int b = 0; b <= a; ++b)
             P[3 * a + b] = P[3 * b + a] = dot_padded(S + a * row, S + b * row, row);
 }
 
-// `count` vectors from `column` of sum_r x_r row_r; see mix_rows.
+// Columns `column` .. column + count * WIDTH - 1 of out = sum_r x_r row_r; see
+// mix_rows.
 template <int count>
 [[gnu::always_inline]] inline void mix_columns(const double* x, Index m,
                                                const double* rows, Index stride,
@@ -58,8 +59,8 @@ template <int count>
     for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
 }
 
-// The last `left` vectors, at most `most`, all at once: each sum alone would wait for
-// itself.
+// The last `left` vectors of columns of out = sum_r x_r row_r, from `column` on, left
+// <= most; see mix_rows. All at once: each sum alone would wait for itself.
 template <int most>
 [[gnu::always_inline]] inline void mix_last_columns(Index left, const double* x,
                                                     Index m, const double* rows,
@@ -70,7 +71,7 @@ template <int most>
         mix_last_columns<most - 1>(left, x, m, rows, stride, column, out);
 }
 
-// out = sum_r x_r row_r for m padded rows of n numbers.
+// out = sum_r x_r row_r for m padded rows of n numbers, `stride` apart.
 inline void mix_rows(const double* x, Index m, const double* rows, Index stride,
                      Index n, double* out) {
     constexpr int MAX_SUMS = 8;  // as many sums as hide the latency
@@ -81,7 +82,7 @@ inline void mix_rows(const double* x, Index m, const double* rows, Index stride,
                                    out);
 }
 
-// y -= sum_e x_e row_(index_e) for m rows of n numbers.
+// y -= sum_e x_e row_(index_e) over e < m, for rows of n numbers, `stride` apart.
 inline void subtract_mixture(double* __restrict y, const double* __restrict x,
                              const Index* __restrict index, Index m,
                              const double* __restrict rows, Index stride, Index n) {
@@ -100,7 +101,7 @@ inline void subtract_mixture(double* __restrict y, const double* __restrict x,
     }
 }
 
-// The largest of n numbers, -infinity where there are none; nan never is.
+// The largest of n numbers that is not nan; -infinity where there is none.
 inline double largest_of(const double* x, Index n) {
     double best[PADDING];
     for (Index lane = 0; lane < PADDING; ++lane) best[lane] = -INFINITE;
@@ -113,7 +114,7 @@ inline double largest_of(const double* x, Index n) {
     return best[0];
 }
 
-// The first place of `value` among n numbers; n where it is not there.
+// The first i with x_i = value; n where there is none.
 inline Index place_of(double value, const double* x, Index n) {
     Index i = 0;
     while (i < n && x[i] != value) ++i;
@@ -129,22 +130,25 @@ inline Index place_of(double value, const double* x, Index n) {
 // Rows of B and C are padded and their strides multiples of PADDING; A is read number
 // by number, in either order. A tile is 4 rows and up to 3 vectors wide.
 
+// A matrix A that is read number by number.
 struct Factor {
     const double* data;
-    Index by_k, by_i;  // A_ki stands at data[k by_k + i by_i]
+    Index by_k, by_i;  // A_ki is data[k * by_k + i * by_i]
 };
 
-// A^T of a matrix whose rows are k, and A itself of one whose rows are i.
+// The factor by which a product becomes C += sign X^T B, and that by which it becomes
+// C += sign X B, of a row-major matrix X with rows `stride` apart.
 inline Factor transposed(const double* data, Index stride) { return {data, stride, 1}; }
 inline Factor plain(const double* data, Index stride) { return {data, 1, stride}; }
 
+// first <= k < last, over which a tile is summed.
 struct Inner {
     Index first, last;
 };
 
 constexpr Index TILE_ROWS = 4;
 
-// C += sign A B for TILE_ROWS rows and so many vectors of columns.
+// C_ij += sign sum_k A_ki B_kj for TILE_ROWS rows i and so many vectors of columns j.
 template <int vectors>
 [[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B,
                                             double* C, Index stride, Inner k,
@@ -164,8 +168,9 @@ template <int vectors>
         }
 }
 
-// C_ij += sign sum_k A_ki B_kj; inner(i, j, width) gives the k of the tile from row i
-// and column j on, none for a tile that is left out.
+// C_ij += sign sum_k A_ki B_kj for C (rows, columns), its rows `stride` apart;
+// inner(i, j, width) returns the range of k of the tile from row i and column j on, an
+// empty one for a tile that is left out.
 template <class Inside>
 inline void add_product(double sign, Factor A, const double* B, double* C, Index rows,
                         Index columns, Index stride_of_B, Index stride,
@@ -187,21 +192,28 @@ inline void add_product(double sign, Factor A, const double* B, double* C, Index
     }
 }
 
-// Which k count: all of n; those of a factor A with A_ki = 0 for k > i, or of a B with
-// B_kj = 0 for k < j; and, of a symmetric C, tiles that reach the upper triangle only.
+// The last argument of add_product: which k a tile is summed over.
+
+// Each tile is summed over all k < n.
 inline auto every(Index n) {
     return [n](Index, Index, Index) { return Inner{0, n}; };
 }
+// Each tile is summed over the k up to its last row, for A_ki = 0 at k > i.
 inline auto up_to_row() {
     return [](Index i, Index, Index) { return Inner{0, i + TILE_ROWS}; };
 }
+// Each tile is summed over the k < n from its first column on, for B_kj = 0 at k < j.
 inline auto from_column(Index n) {
     return [n](Index, Index j, Index) { return Inner{j, n}; };
 }
+// Tiles that reach the upper triangle of C are summed over all k < n; others are left
+// out.
 inline auto upper(Index n) {
     return
         [n](Index i, Index j, Index width) { return Inner{0, i < j + width ? n : 0}; };
 }
+// Tiles that reach the upper triangle of C are summed as by `from_column`; others are
+// left out.
 inline auto upper_from_column(Index n) {
     return
         [n](Index i, Index j, Index width) { return Inner{j, i < j + width ? n : 0}; };

@@ -15,13 +15,14 @@ constexpr Type TYPES[] = {{"Floats", "float64"},
                           {"Indices", "int64"},
                           {"States", "uint64"}};
 
-// The names of an element type.
+// The names of an element type in signatures of Python and in NumPy.
 const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
 
 constexpr int NO_ARRAY = -1;
 
-// Point `array` at the elements of an object, of a copy of it where they are only read;
-// returns its rank, NO_ARRAY where it is none of this element type.
+// Point `array` at the elements of a Python object, or of a copy where they are only
+// read, if it is an array of element type T and of the rank of `array`; returns its
+// rank, or NO_ARRAY where it is no array of that type.
 template <class T>
 int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained) {
     const auto look = [&](auto found) {
@@ -124,15 +125,16 @@ bool Call::take_flag(const Argument& argument) {
     return value;
 }
 
-// All arguments are taken: release Python's lock for a function that is called once.
-// Returns true, as the function is to run; raises TypeError where arguments are left.
+// Release Python's lock for a function that is called once, after its last argument.
+// Returns true, as the function is to be called; raises TypeError where arguments are
+// left.
 bool Call::begin() {
     end();
     running_.emplace();
     return true;
 }
 
-// Take the argument `threads`, and run a kernel on n images without Python's lock.
+// Take the argument `threads`, and run a kernel on all n images without Python's lock.
 void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     const int threads = static_cast<int>(take_count({*this, "threads", ""}));
     end();
@@ -140,13 +142,13 @@ void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     run_blocks({kernel, data}, size("n"), threads);
 }
 
-// The count that the function returned, or None; takes Python's lock back.
+// The count that the function returned, or None; acquires Python's lock again.
 nb::object Call::result() {
     running_.reset();
     return count_ ? nb::int_(*count_) : nb::object(nb::none());
 }
 
-// Raise TypeError where arguments were given that nobody has taken.
+// Raise TypeError where arguments were given that were not taken.
 void Call::end() const {
     const size_t given = values_.size() + keywords_.size();
     if (taken_ == given) return;
@@ -162,7 +164,7 @@ Index Call::size(std::string_view name) const {
     return 0;
 }
 
-// Whether an array has the axes of its argument; sizes that are new are noted.
+// Whether an array has the shape of its argument; sizes with a new name are stored.
 bool Call::has_shape(const Argument& argument, const AnyArray& array) {
     std::string_view shape = argument.shape;
     if (shape.back() == '?') {
@@ -179,8 +181,8 @@ bool Call::has_shape(const Argument& argument, const AnyArray& array) {
     return fit && d == array.rank;
 }
 
-// Whether a size fits one axis of a shape, "3", "p", "3p" or "1+k": a name stands for
-// the size that it met first.
+// Whether the size of an axis fits its part of a shape, "3", "p", "3p" or "1+k": the
+// first size that a name meets is stored as its own.
 bool Call::fits(std::string_view token, Index value) {
     Index number = 0;
     bool leads = false;
@@ -203,7 +205,8 @@ bool Call::fits(std::string_view token, Index value) {
     return true;
 }
 
-// Raise TypeError that names the argument, what it must be and what was given.
+// Raise ValueError if `is_array`, else TypeError, that names the argument, what it must
+// be and what was given.
 void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given,
                   bool is_array) {
     std::string found = text_of(given.type().attr("__name__"));
@@ -219,12 +222,12 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
     throw nb::type_error(text.c_str());
 }
 
-// Note an array argument, and read nothing.
+// Append an array argument to the signature, and read nothing.
 void Signature::take_array(const Argument& argument, AnyArray& array) {
     add(argument, type_of(array.element).in_python);
 }
 
-// Append "name: type".
+// Append "name: type" to the signature.
 void Signature::add(const Argument& argument, const char* type) {
     text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
 }

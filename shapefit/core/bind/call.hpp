@@ -16,9 +16,10 @@ namespace shapefit {
 
 namespace nb = nanobind;
 
-// Arrays are C-contiguous and have their element type; those that are only read may be
-// copies. Raises TypeError for an argument that is missing, unknown or of another type,
-// ValueError for an array of another shape.
+// A call from Python, with its arguments. Arrays are C-contiguous and have their
+// element type; those that are only read may be copies. Raises TypeError for an
+// argument that is missing, unknown or of another type, ValueError for an array of
+// another shape.
 class Call : public Arguments {
   public:
     Call(const char* function, nb::args values, nb::kwargs keywords);
@@ -32,7 +33,7 @@ class Call : public Arguments {
     void run(void (*kernel)(const void* data, Range), const void* data) override;
     void give_count(Index value) override { count_ = value; }
 
-    // What the function has returned, as Python has it.
+    // The count that the function returned, as an int of Python, or None.
     nb::object result();
 
   private:
@@ -47,7 +48,8 @@ class Call : public Arguments {
         Index value;
     };
 
-    void end() const;  // after the last argument
+    // Each is explained in call.cpp.
+    void end() const;
     Index size(std::string_view name) const;
     nb::handle find(const Argument& argument);
     bool fits(std::string_view token, Index value);

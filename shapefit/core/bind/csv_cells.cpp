@@ -11,6 +11,7 @@
 
 namespace shapefit {
 
+// The lines of a table, and where their cells are.
 struct CsvLinesData {
     Arguments& from;
     Vector<const uint64_t> letters = from("letters", "w");  // of l lines, ends included
@@ -18,6 +19,7 @@ struct CsvLinesData {
     Matrix<int64_t> ends = from("ends", "c l");
 };
 
+// Cells that may be numbers.
 struct CsvNumbersData {
     Arguments& from;
     Vector<const uint64_t> letters = from("letters", "w");
@@ -27,6 +29,7 @@ struct CsvNumbersData {
     Vector<bool> is_read = from("is_read", "n");  // false for what else may be a number
 };
 
+// Cells that are texts.
 struct CsvTextsData {
     Arguments& from;
     Vector<const uint64_t> letters = from("letters", "w");
@@ -38,12 +41,13 @@ struct CsvTextsData {
 
 namespace {
 
-// The text of a cell between two places in the file.
+// The text of a cell, from letter `start` up to letter `end` of all letters.
 std::string_view cell_of(const char* letters, int64_t start, int64_t end) {
     return {letters + start, static_cast<size_t>(end - start)};
 }
 
-// Whether a cell is a decimal number in its usual form, as Python reads it.
+// Set `number` to that of a cell which is a decimal number in its usual form, as Python
+// reads it; false for any other cell.
 bool read_number(std::string_view cell, double& number) {
 #if defined(__cpp_lib_to_chars)
     if (cell.empty()) return false;
@@ -85,8 +89,8 @@ Index split_csv_lines(const CsvLinesData& data) {
     return lines;
 }
 
-// Read the cells that are plain decimal numbers, and say which; the others are left to
-// Python.
+// Read the cells that are decimal numbers in their usual form, and flag them in
+// `is_read`; the others are left to Python.
 void read_csv_numbers(const CsvNumbersData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     for (Index n = 0; n < data.starts.size[0]; ++n) {
@@ -95,8 +99,8 @@ void read_csv_numbers(const CsvNumbersData& data) {
     }
 }
 
-// Give each cell the number of its text, texts numbered as they come; returns how many
-// texts there are.
+// Number the different texts of the cells from 0 in the order in which they first
+// occur, and write the number of each cell; returns how many different texts there are.
 //
 // In most tables a text is followed by the one that followed it before: the item of the
 // row before, or the next landmark. Only others are looked up.

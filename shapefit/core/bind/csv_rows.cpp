@@ -8,6 +8,7 @@
 
 namespace shapefit {
 
+// The texts and numbers of the rows of a table.
 struct CsvRowsData {
     Arguments& from;
     // of the texts, one after another
@@ -20,7 +21,7 @@ struct CsvRowsData {
     // texts of a row before its numbers; the others follow them
     Index leading = from("leading");
     bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
-    // room for all texts, commas, 25 bytes a number
+    // memory for all texts, commas, 25 bytes a number
     Vector<uint64_t> rows = from("rows", "s");
 };
 
@@ -62,7 +63,7 @@ char* put_number(char* out, double number, bool as_python) {
 
 }  // namespace
 
-// Write the rows of a table as CSV; returns how many bytes they are.
+// Write the rows of a table as CSV into `rows`; returns the number of bytes.
 Index write_csv_rows(const CsvRowsData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     char* const start = reinterpret_cast<char*>(data.rows.data);

@@ -42,14 +42,14 @@ void check_interrupt() {
     else watch->call_.check_ended();
 }
 
-// A flag that the calling thread obeys from now on: kernels that it calls end early
-// once the flag is set. The flag outlives the thread.
+// A flag that ends the kernels that the calling thread calls from now on, once it is
+// set. The flag outlives the thread.
 struct StopFlagData {
     Arguments& from;
     Vector<const bool> stop = from("stop", "1");
 };
 
-// Let the calling thread obey a flag, see StopFlagData.
+// Let a flag end the kernels that the calling thread calls, see StopFlagData.
 void set_stop_flag(const StopFlagData& data) { stop_flag = data.stop.data; }
 
 const Exported<set_stop_flag> set_stop_flag_exported{"set_stop_flag"};

@@ -1,9 +1,9 @@
 // How the call of a kernel ends before its time.
 //
-// All its threads ask `check_interrupt` once a step. On the thread that Python called
+// All its threads call `check_interrupt` once a step. On the thread that Python called
 // the handlers of signals run, 20 times a second: what they raise ends the call. They
 // do nothing on other threads than the first of Python; one of a pool names a flag
-// (`obey`), and its calls end once that is set.
+// (`set_stop_flag`), and its calls end once that is set.
 #pragma once
 
 #include <atomic>
@@ -17,7 +17,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds BETWEEN_LOOKS{50};  // at signals
 
-// Ends the threads of a call that another thread has ended.
+// Thrown on the threads of a call that a flag or another of its threads has ended.
 struct Interrupted {};
 
 // A call of a kernel, made on the thread that Python called.
@@ -25,12 +25,14 @@ class KernelCall {
   public:
     KernelCall();
 
+    // Let all threads of the call end when they next check.
     void end() { ended_.store(true, std::memory_order_relaxed); }
 
-    // Throws Interrupted where the call is to end.
+    // Throw Interrupted where the call is to end.
     void check_ended() const;
 
-    // Throws what a handler of signals raises. On the thread that Python called.
+    // Throw Interrupted where the call is to end, or what a handler of signals raises;
+    // handlers run at most once in BETWEEN_LOOKS. On the thread that Python called.
     void check_signals();
 
   private:
@@ -39,7 +41,7 @@ class KernelCall {
     Clock::time_point looked_ = Clock::now();
 };
 
-// While it lives, `check_interrupt` on this thread asks the call.
+// While it lives, `check_interrupt` on this thread checks whether this call is to end.
 class Watch {
   public:
     Watch(KernelCall& call, bool called_by_python);

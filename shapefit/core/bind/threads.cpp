@@ -44,7 +44,8 @@ void Team::run(Index threads) {
     if (failure_) std::rethrow_exception(failure_);
 }
 
-// Start helpers one after another, as long as there is memory for one more.
+// Start so many helper threads one after another, as long as there is memory for one
+// more.
 void Team::hire(Index helpers) {
     threads_.reserve(std::max<Index>(0, helpers));
     returned_.reserve(threads_.capacity());
@@ -60,7 +61,8 @@ void Team::hire(Index helpers) {
     }
 }
 
-// Do ranges on the calling thread, until none is left and all helpers are done.
+// Call the kernel on ranges, on the calling thread, until none is left and all helpers
+// are done.
 void Team::lead() {
     const Watch watch(call_, true);
     Range range;
@@ -69,7 +71,8 @@ void Team::lead() {
     } while (await_helpers());
 }
 
-// Do ranges on another thread; without memory it gives its range back.
+// Call the kernel on ranges, on another thread, until none is left; without memory it
+// gives its range back.
 void Team::help() {
     const Watch watch(call_, false);
     begin();
@@ -92,7 +95,7 @@ void Team::begin() {
     changed_.notify_all();
 }
 
-// The next range; false where none is left, or the call has failed.
+// Take the next range; false where none is left, or the call has failed.
 bool Team::take(Range& range) {
     const std::lock_guard<std::mutex> lock(guard_);
     if (failure_) return false;
@@ -119,7 +122,7 @@ bool Team::await_helpers() {
     return !returned_.empty() && !failure_;
 }
 
-// Let another thread do a range.
+// Leave a range that was taken to another thread.
 void Team::give_back(Range range) {
     const std::lock_guard<std::mutex> lock(guard_);
     returned_.push_back(range);

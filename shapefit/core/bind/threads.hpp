@@ -16,6 +16,7 @@ struct Work {
     void (*kernel)(const void* data, Range);
     const void* data;
 
+    // Call the kernel on a range of images.
     void operator()(Range range) const { kernel(data, range); }
 };
 
@@ -24,15 +25,16 @@ struct Work {
 // again writes all of it again.
 class Team {
   public:
-    // Ranges of `step` images that cover 0..count.
+    // For ranges of `step` images that cover images 0 .. count - 1.
     Team(const Work& work, Index count, Index step)
         : work_(work), count_(count), step_(step) {}
 
-    // Work on as many threads, or as many as there can be. The first exception of a
-    // thread is raised again, after all have ended.
+    // Call the kernel on all ranges, on so many threads or as many as the system
+    // allows. The first exception of a thread is thrown again, after all have ended.
     void run(Index threads);
 
   private:
+    // Each is explained in threads.cpp.
     void hire(Index helpers);
     void lead();
     void help();
@@ -55,8 +57,8 @@ class Team {
     std::exception_ptr failure_;
 };
 
-// Call the kernel on whole blocks that cover 0..count; `threads` = 0 means one per
-// core.
+// Call the kernel on ranges of whole blocks that cover images 0 .. count - 1, on
+// several threads; `threads` = 0 means one per core.
 void run_blocks(const Work& work, Index count, int threads);
 
 }  // namespace shapefit

@@ -48,27 +48,31 @@ namespace {
 constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
+// WIDTH vectors of three, one a lane.
 struct Vector3 {
     Doubles x[3];
 };
 
-// Vectors of three, WIDTH of them at columns c, c + 1, ... of three rows.
+// Load WIDTH vectors of three, the columns c, c + 1, ... of three rows.
 [[gnu::always_inline]] inline Vector3 load3(const double* rows, Index stride, Index c) {
     return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
 }
+// Store WIDTH vectors of three as the columns c, c + 1, ... of three rows.
 [[gnu::always_inline]] inline void store3(double* rows, Index stride, Index c,
                                           const Vector3& v) {
     for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
 }
+// u.v, lane by lane.
 [[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
     return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
 }
-// a u + b v
+// a u + b v, lane by lane.
 [[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b,
                                               const Vector3& v) {
     return {
         {a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
 }
+// u x v, lane by lane.
 [[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
     return {{u.x[1] * v.x[2] - u.x[2] * v.x[1], u.x[2] * v.x[0] - u.x[0] * v.x[2],
              u.x[0] * v.x[1] - u.x[1] * v.x[0]}};
@@ -78,7 +82,8 @@ struct Vector3 {
 struct Turned {
     Vector3 first, second;
 };
-// X of a vector of blocks G, in the frames of their active blocks.
+// X = U^T G V of WIDTH blocks of G (6, capacity) from c on, U and V of the active
+// blocks.
 [[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G,
                                               Index c) {
     const Index n = a.capacity;
@@ -189,8 +194,8 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
     }
 }
 
-// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three
-// numbers each.
+// The rows of direction r are `top` and `low`, three numbers each, so that its row of F
+// is (top . B, low . B).
 void ActiveBlocks::find_directions(double sigma, const double* moved) {
     const Index n = capacity;
     const Doubles none = {};
@@ -221,8 +226,8 @@ void ActiveBlocks::find_directions(double sigma, const double* moved) {
     }
 }
 
-// `directions` rows of one block: (top . B, low . B), the numbers of each `capacity`
-// apart.
+// Write the rows (top . B, low . B) of one block for so many directions, the numbers of
+// each `capacity` apart, to rows `stride` apart.
 template <int directions>
 [[gnu::always_inline]] inline void write_block(const double* number, Index capacity,
                                                const double* B, Index atom_stride,

@@ -12,13 +12,13 @@
 
 namespace shapefit {
 
+// s1^2 + s2^2, s1 s2 and s1^2 - s2^2 of a block.
 template <class Number>
 struct Invariants {
     Number trace, product, discriminant;  // A + C, r, sqrt((A - C)^2 + 4 D^2)
 };
 
-// What singular values of a block (2, 3) are made of: sum of squares, product, and
-// difference of squares.
+// s1^2 + s2^2, s1 s2 and s1^2 - s2^2 of the singular values of a block q (2, 3).
 template <class Number>
 [[gnu::always_inline]] inline Invariants<Number> invariants(const Number (&q)[6]) {
     const Number c0 = q[1] * q[5] - q[2] * q[4], c1 = q[2] * q[3] - q[0] * q[5];
@@ -30,22 +30,23 @@ template <class Number>
             root((A - C) * (A - C) + 4.0 * D * D)};
 }
 
-// s1 + s2.
+// s1 + s2 of a block.
 template <class Number>
 [[gnu::always_inline]] inline Number nuclear_norm(const Invariants<Number>& block) {
     return root(block.trace + 2.0 * block.product);
 }
 
-// s1, exact where s2 is s1: the root of the largest eigenvalue of Q Q^T.
+// s1 of a block, exact where s2 is s1: the root of the largest eigenvalue of Q Q^T.
 template <class Number>
 [[gnu::always_inline]] inline Number spectral_norm(const Invariants<Number>& block) {
     return root(0.5 * (block.trace + block.discriminant));
 }
 
-// Blocks i, i + 1, ... of six rows of `stride` numbers.
+// WIDTH blocks, one a lane.
 struct BlockLanes {
     Doubles q[6];
 };
+// Load blocks i, i + 1, ... of Q (6, stride).
 [[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, Index stride,
                                                      Index i) {
     BlockLanes blocks;
@@ -53,8 +54,8 @@ struct BlockLanes {
     return blocks;
 }
 
-// left -= M B for one block M (2, 3) and atom B (3, n), its rows `stride` apart; left
-// (2, n).
+// left (2, n) -= M B for one block M (2, 3) and an atom B (3, n), its rows `stride`
+// apart.
 [[gnu::always_inline]] inline void subtract_shape(const double* M, const double* B,
                                                   Index stride, double* left, Index n) {
     for (int a = 0; a < 2; ++a, left += n, M += 3)
@@ -62,17 +63,17 @@ struct BlockLanes {
             left[j] -= M[0] * B[j] + M[1] * B[stride + j] + M[2] * B[2 * stride + j];
 }
 
-// sum_i ||prox_t(M_i + sigma (N_i + step dN_i))||_F^2, and s1 + s2 of every argument in
-// total (k,): atom i is active where total[i] > t. M, N, dN (6, k), k a multiple of
-// PADDING.
+// sum_i ||prox_t(Q_i)||_F^2 for Q_i = M_i + sigma (N_i + step dN_i); sets total (k,) to
+// s1 + s2 of each Q_i: atom i is active where total[i] > t. M, N, dN (6, k), k a
+// multiple of PADDING.
 double moreau(const double* M, const double* N, double step, const double* dN,
               double sigma, double t, double* total, Index k);
 
-// s1 + s2 of every M_i + sigma N_i, in total (k,).
+// total (k,) = s1 + s2 of each M_i + sigma N_i, M and N (6, k).
 void sum_singular_values(const double* M, const double* N, double sigma, double* total,
                          Index k);
 
-// max_i ||N_i||_*.
+// max_i ||N_i||_* of N (6, k).
 double largest_nuclear_norm(const double* N, Index k);
 
 // The blocks that the prox leaves alive, their frames, and the derivative of the prox
@@ -97,6 +98,7 @@ double largest_nuclear_norm(const double* N, Index k);
 enum class Weighing { derivative, resolvent };
 constexpr double MAX_WEIGHT = 1e3;
 
+// The active blocks of an image, block c of which is that of atom index[c].
 struct ActiveBlocks {
     Index count = 0;
     double norms = 0;         // sum of the spectral norms of prox
@@ -113,8 +115,8 @@ struct ActiveBlocks {
 
     ActiveBlocks(Workspace& workspace, Index padded_atoms);
 
-    // The blocks with s1 + s2 > t (total (k,) holds the sums) of M + sigma N (6, k),
-    // and their prox.
+    // Find the active blocks of M + sigma N (6, k), those with s1 + s2 > t, of which
+    // total (k,) holds the sums; their frames, singular values and prox.
     void find(const double* M, const double* N, double sigma, double t,
               const double* total, Index k);
 
@@ -128,19 +130,21 @@ struct ActiveBlocks {
 
     // The number of directions of block c: four where f1 = f2, else six.
     int directions(Index c) const { return weight[4 * capacity + c] == 0 ? 4 : 6; }
-    // Entry e of a direction of all blocks, and its right-hand side as entry 6.
-    const double* number(int direction, int e) const {
+    // Entry e of a direction (2, 3) for all blocks (count,); e = 6: its right-hand
+    // side.
+    const double* entry(int direction, int e) const {
         return row_ + (7 * direction + e) * capacity;
     }
 
-    // Write the rows T B_i of all directions; returns their number.
+    // Write the rows T B_i of all directions, with their right-hand sides, to F of
+    // `gram`; returns how many there are.
     Index write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const;
 
-    // out = W X for X and out (6, capacity): the part of X in each direction, times its
-    // weight.
+    // out = W X for X and out (6, capacity): the component of X in each direction is
+    // multiplied by its weight.
     void apply_weights(const double* X, double* out) const;
 
-    // rows (2, q) -= sum_i prox_i B_i; rows y0, y1.
+    // Subtract the rows of sum_i prox_i B_i (2, q) from y0 and y1.
     void subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, Index q) const;
 
   private:

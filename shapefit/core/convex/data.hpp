@@ -40,6 +40,7 @@ struct SparseTransforms {
     Vector<Integer> atom = from("atom", "a");
     Tensor<Number> blocks = from("blocks", "a 2 3");
 
+    // The transforms of one image.
     ImageTransforms operator[](Index image) const {
         const Index at = first[image];
         return {atom.data + at, blocks.data + 6 * at, count[image]};
@@ -76,12 +77,14 @@ struct ConvexOptions {
     Index max_steps = from("max_steps");
 };
 
+// How many steps the solver took on each image, and how it ended.
 struct ConvexEnd {
     Arguments& from;
     Vector<int64_t> steps = from("steps", "n");    // Newton steps
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 
+// Programs to solve, and what is written of each.
 struct ConvexTask {
     Arguments& from;
     ConvexProgram program{from};

@@ -75,7 +75,7 @@ double SparseErrors::penalty(const double* g, Index q, bool quadratic) {
     return total;
 }
 
-void SparseErrors::aim(const double* d, Index q) {
+void SparseErrors::set_direction(const double* d, Index q) {
     for (int a = 0; a < 2; ++a) reduction_->expand(d + a * q, D_ + a * p_, p_);
 }
 
@@ -83,7 +83,6 @@ void SparseErrors::step(double length) {
     for (Index e = 0; e < 2 * p_; ++e) Y_[e] += length * D_[e];
 }
 
-// E <- fresh E
 void SparseErrors::accept() { memcpy(E_, fresh_, sizeof(double) * 2 * p_); }
 
 Index SparseErrors::count_curved() {
@@ -97,7 +96,6 @@ Index SparseErrors::count_curved() {
     return count;
 }
 
-// Append the square root of the curvature of the errors to the rows of F, from `first`.
 void SparseErrors::append_rows(Index first, ShiftedGram& gram) const {
     const Index q = reduction_->coordinates();
     const double* h = reduction_->h.data;
@@ -112,7 +110,7 @@ void SparseErrors::append_rows(Index first, ShiftedGram& gram) const {
         }
 }
 
-// Write the curvature of the errors: a diagonal and a term of rank two for each axis.
+// For each axis a diagonal and a term of rank two.
 void SparseErrors::write_matrix(double shift, double* C) const {
     const Index q = reduction_->coordinates(), n = 2 * q;
     const double* h = reduction_->h.data;

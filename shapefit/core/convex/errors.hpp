@@ -19,13 +19,14 @@ struct ErrorsPoint {
     double share = 0;  // max |Y_j| / bound_j
 };
 
+// The functions of SparseErrors, for a loss that has none.
 struct NoErrors {
     static constexpr bool robust = false;
     void begin(double, const double*, Index) {}
     double value(double) const { return 0; }
     ErrorsPoint find(double*, Index) { return {}; }
     double penalty(const double*, Index, bool) { return 0; }
-    void aim(const double*, Index) {}
+    void set_direction(const double*, Index) {}
     void step(double) {}
     void accept() {}
     Index count_curved() { return 0; }
@@ -33,37 +34,46 @@ struct NoErrors {
     void write_matrix(double, double*) const {}
 };
 
+// The sparse errors E of one image after another, with the dual Y and a direction D of
+// it.
 class SparseErrors {
   public:
     static constexpr bool robust = true;
 
     SparseErrors(Workspace& workspace, Index p);
 
-    // Turn to an image: its E (2, p) in landmark space, overwritten, and bounds (p,).
+    // Begin with an image: its reduction, bounds (p,), and E (2, p) of all landmarks,
+    // which is overwritten.
     void attach(const Reduction& reduction, const double* bounds, double* E);
 
-    // Take up y (2, q), with rho_j bound_j = threshold.
+    // Set Y (2, p) to the dual y (2, q), expanded to all landmarks, and rho_j to
+    // threshold / bound_j.
     void begin(double threshold, const double* y, Index q);
-    // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the aim D.
+    // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the direction D.
     double value(double step) const;
-    // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
+    // Find fresh E = soft(E + rho Y), and add it, reduced, to the gradient g (2, q);
+    // returns how far E moves, and how close Y is to its bounds.
     ErrorsPoint find(double* g, Index q);
-    // The loss bound |fresh E|, with what the gradient leaves of the landmarks where no
-    // quadratic takes it.
+    // The loss sum_aj bound_j |fresh E_aj|. Without a quadratic the errors are what
+    // makes the fit exact, fresh E less the gradient g (2, q), expanded likewise.
     double penalty(const double* g, Index q, bool quadratic);
-    // Set D to the direction d (2, q) of y.
-    void aim(const double* d, Index q);
+    // Set D (2, p) to the direction d (2, q), expanded to all landmarks.
+    void set_direction(const double* d, Index q);
     // Y += length D.
     void step(double length);
     // E <- fresh E.
     void accept();
 
-    // The second derivative sum_am c_am f f^T, c (2, p) of the visible landmarks in
-    // turn: rho_j at those of fresh errors. f = e_m - h_m h is row m of the reflection
-    // without its last entry, placed in the half of axis a. As rows sqrt(c_am) f where
-    // c_am > 0, from row `first` on; and as a matrix shift I + it (n, n).
+    // The second derivative over y is K = sum_am c_am f f^T, with c (2, p) of the
+    // visible landmarks in turn: rho_j where fresh E_aj is not 0, else 0. f = e_m - h_m
+    // h is row m of the reflection without its last entry, placed in the half of axis
+    // a.
+
+    // Find c; returns how many entries are not 0.
     Index count_curved();
+    // Write rows sqrt(c_am) f for c_am > 0 to F, from row `first` on.
     void append_rows(Index first, ShiftedGram& gram) const;
+    // C (n, n) = shift I + K.
     void write_matrix(double shift, double* C) const;
 
   private:

@@ -28,7 +28,8 @@ constexpr Index PANEL = 64;
 // n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
-// sums += sign * share^T row for one row of F or of the factor.
+// sums += sign * share^T row for BLOCK numbers `share` and `count` vectors of a row of
+// F or of the factor.
 template <int count>
 [[gnu::always_inline]] inline void add_row(const double* row, const double* share,
                                            double sign, Doubles (&sums)[BLOCK][count]) {
@@ -47,7 +48,7 @@ struct Tile {
 
     Doubles parts[TURNS][BLOCK][count];
 
-    // = rows i .. i + 3 of the factor, from column j on.
+    // Set the tile to rows i .. i + 3 of the factor, from column j on.
     [[gnu::always_inline]] void load_factor(const GramSystem& s, Index i, Index j) {
         for (int r = 0; r < BLOCK; ++r)
             for (int v = 0; v < count; ++v) {
@@ -57,7 +58,7 @@ struct Tile {
             }
     }
 
-    // += F^T F.
+    // Add F^T F to the tile at rows i .. i + 3, from column j on.
     [[gnu::always_inline]] void add_squares(const GramSystem& s, Index i, Index j) {
         Index f = 0;
         for (; f + TURNS <= s.rows; f += TURNS)
@@ -68,7 +69,7 @@ struct Tile {
             add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
     }
 
-    // -= what the rows first <= m < end have taken.
+    // Eliminate rows first <= m < end of the factor from the tile.
     [[gnu::always_inline]] void subtract_rows(const GramSystem& s, Index i, Index j,
                                               Index first, Index end) {
         for (Index m = first; m < end; m += TURNS)
@@ -77,7 +78,7 @@ struct Tile {
                                s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
     }
 
-    // The sum of the parts.
+    // sums = the tile, the sum of its parts.
     [[gnu::always_inline]] void sum(Doubles (&sums)[BLOCK][count]) const {
         for (int r = 0; r < BLOCK; ++r)
             for (int v = 0; v < count; ++v) {
@@ -87,7 +88,8 @@ struct Tile {
     }
 };
 
-// L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
+// Factorise the diagonal block of rows i .. i + 3 as L D L^T: share[m][r] = L_rm, times
+// which row m is subtracted from row r.
 template <int count>
 [[gnu::always_inline]] inline void factorise_diagonal(
     const GramSystem& s, Index i, const Doubles (&sums)[BLOCK][count],
@@ -123,11 +125,12 @@ template <int count>
         }
 }
 
-// Factorise a tile: rows i .. i + 3, so many vectors of columns from j on; the first
-// tile of a block of rows holds its diagonal.
+// Factorise a tile: rows i .. i + 3, `count` vectors of columns from j on; rows before
+// `above` have been eliminated from it already. The `first` tile of these rows holds
+// the diagonal and sets `share`, see `factorise_diagonal`; the others read it.
 template <int count, bool first>
-void finish_tile(const GramSystem& s, Index i, Index j, Index above,
-                 double (&share)[BLOCK][BLOCK]) {
+void factorise_tile(const GramSystem& s, Index i, Index j, Index above,
+                    double (&share)[BLOCK][BLOCK]) {
     Tile<count> tile;
     tile.load_factor(s, i, j);
     tile.add_squares(s, i, j);
@@ -138,40 +141,43 @@ void finish_tile(const GramSystem& s, Index i, Index j, Index above,
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
-// Vectors of columns from j on, as many as are left but at most TILE; not one alone if
-// it can be. Returns how many.
+// Factorise the next tile of rows i .. i + 3, from column j on, by `factorise_tile`. It
+// takes as many of the `left` vectors of columns as fit into TILE, or one fewer where a
+// single one would remain in the end, unless TILE is 2; returns how many.
 template <bool first>
-Index finish_tiles(const GramSystem& s, Index i, Index j, Index above, Index left,
-                   double (&share)[BLOCK][BLOCK]) {
+Index factorise_next_tile(const GramSystem& s, Index i, Index j, Index above,
+                          Index left, double (&share)[BLOCK][BLOCK]) {
     const Index count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
-    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, above, share), TILE;
-    if (count == 3) return finish_tile<3, first>(s, i, j, above, share), 3;
-    if (count == 2) return finish_tile<2, first>(s, i, j, above, share), 2;
-    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
+    if (count >= TILE) return factorise_tile<TILE, first>(s, i, j, above, share), TILE;
+    if (count == 3) return factorise_tile<3, first>(s, i, j, above, share), 3;
+    if (count == 2) return factorise_tile<2, first>(s, i, j, above, share), 2;
+    return factorise_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
            first ? DIAGONAL : 1;
 }
 
-// Vectors of columns from the diagonal of row i on, r among them.
+// How many vectors of columns there are from the diagonal of row i on, that of r
+// included.
 Index vectors_from(const GramSystem& s, Index i) {
     return (s.columns + 1 - grid_at(i) + WIDTH - 1) / WIDTH;
 }
 
-// Finish rows i .. i + 3, from which those before `above` have taken their share.
+// Factorise rows i .. i + 3, from which rows before `above` have been eliminated
+// already.
 void eliminate_rows(const GramSystem& s, Index i, Index above) {
     double share[BLOCK][BLOCK];
     const Index start = grid_at(i);
     Index left = vectors_from(s, i);
-    Index taken = finish_tiles<true>(s, i, start, above, left, share);
+    Index taken = factorise_next_tile<true>(s, i, start, above, left, share);
     for (Index j = start; left > taken;) {
         j += taken * WIDTH;
         left -= taken;
-        taken = finish_tiles<false>(s, i, j, above, left, share);
+        taken = factorise_next_tile<false>(s, i, j, above, left, share);
     }
 }
 
-// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns. The
-// four found last stay in registers: a vector cannot be loaded yet from where they were
-// stored one by one.
+// Solve L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the
+// columns. The four found last stay in registers: a vector cannot be loaded yet from
+// where they were stored one by one.
 void substitute_back(const GramSystem& s, double* x) {
     double below[BLOCK] = {};
     for (Index i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
@@ -203,8 +209,8 @@ void find_least_pivots(const GramSystem& s) {
         s.least[i] = larger(MIN_PIVOT * s.least[i], TINY);
 }
 
-// Change up to `most` vectors of columns of `factor` from j on, in rows i .. i + 3;
-// returns how many.
+// Load, change and store the tile of `factor` at rows i .. i + 3 and the next vectors
+// of columns from j on, `most` of them or as many as are `left`; returns how many.
 template <int most, class Change>
 Index change_tile(const GramSystem& s, Index i, Index j, Index left,
                   const Change& change) {
@@ -222,7 +228,7 @@ Index change_tile(const GramSystem& s, Index i, Index j, Index left,
     return most;
 }
 
-// Change all of `factor` from the diagonal on, in the rows from `first` on.
+// Change `factor` tile by tile from the diagonal on, in the rows from `first` on.
 template <class Change>
 void change_rows(const GramSystem& s, Index first, const Change& change) {
     for (Index i = first; i < s.columns; i += BLOCK) {
@@ -247,12 +253,13 @@ void add_squares(const GramSystem& s) {
     }
 }
 
+// Factorise C + F^T F, where the factor holds C and r, four rows at a time.
 void factorise(const GramSystem& s) {
     for (Index i = 0; i < s.columns; i += BLOCK) eliminate_rows(s, i, 0);
 }
 
-// Panels of rows, each of which takes its share off all rows below at once: what it
-// reads stays in the cache.
+// Factorise C + F^T F by panels of rows, each of which is eliminated from all rows
+// below at once: what it reads stays in the cache.
 void factorise_by_panels(GramSystem s) {
     add_squares(s);
     s.rows = 0;
@@ -268,7 +275,7 @@ void factorise_by_panels(GramSystem s) {
     }
 }
 
-// Factorise C + F^T F, which the factor begins with, and solve for x.
+// Factorise C + F^T F, where the factor holds C and r, and solve for x.
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
     if (s.columns < LARGE) factorise(s);
@@ -276,7 +283,7 @@ void solve_system(const GramSystem& s, double* x) {
     substitute_back(s, x);
 }
 
-// The factor begins as C = shift I, with r as its last column.
+// Set the factor to C = shift I (n, n), with r as its last column.
 void begin_with_shift(const GramSystem& s, double shift, const double* r, Index n) {
     const Index width = s.columns + 1;
     for (Index i = 0; i < s.columns; ++i) {
@@ -287,7 +294,7 @@ void begin_with_shift(const GramSystem& s, double shift, const double* r, Index 
     }
 }
 
-// The factor begins as C (n, n), with r as its last column.
+// Set the factor to C (n, n), with r as its last column.
 void begin_with_matrix(const GramSystem& s, const double* C, const double* r, Index n) {
     begin_with_shift(s, 0, r, n);
     for (Index i = 0; i < n; ++i)
@@ -297,9 +304,9 @@ void begin_with_matrix(const GramSystem& s, const double* C, const double* r, In
 
 }  // namespace
 
-// Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd
-// number of lines of the cache apart, or many of them would share the same few places
-// in it.
+// How many numbers apart rows of so many columns are. Tiles read and write up to
+// DIAGONAL vectors beyond the last column; and rows are an odd number of lines of the
+// cache apart, or many of them would share the same few places in it.
 constexpr Index stride_for(Index columns) {
     constexpr Index LINE = PADDING;
     return (padded(columns + 1 + DIAGONAL * WIDTH) / LINE | 1) * LINE;
@@ -323,7 +330,7 @@ void ShiftedGram::set_unknowns(Index n) {
     stride_ = stride_for(tiled_);
 }
 
-// The system of F (rows, columns) in this room; `lift`: small pivots are lifted.
+// The system of F (rows, columns) in this memory; `lift`: small pivots are lifted.
 GramSystem ShiftedGram::system(const double* F, Index rows, Index columns,
                                bool lift) const {
     return {F,       rows,    stride_,  columns,

@@ -33,26 +33,30 @@ class ShiftedGram {
   public:
     ShiftedGram(Workspace& workspace, Index most_rows, Index most_unknowns);
 
-    void set_unknowns(Index n);  // 1 .. most_unknowns; what the rows held is lost
+    // Set the number of unknowns, 1 .. most_unknowns; what the rows held is lost.
+    void set_unknowns(Index n);
     Index unknowns() const { return n_; }
-    Index right_side() const { return tiled_; }  // the column of F that holds f
-    double* row(Index f) {
-        return F_ + f * stride_;
-    }  // zero between the unknowns and f
+    // The column of F that holds f.
+    Index right_side() const { return tiled_; }
+    // Row f of F, which the caller writes, with zeros between the unknowns and the
+    // right side.
+    double* row(Index f) { return F_ + f * stride_; }
     Index stride() const { return stride_; }
 
-    // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in
-    // the space of the rows where these are fewer (Woodbury), which loses digits where
-    // the shift is tiny.
+    // Solve (shift I + F^T F) x = r + F^T f for x, shift > 0; x may be r. `by_rows`
+    // allows the system to be solved in the space of the rows where these are fewer
+    // (Woodbury), which loses digits where the shift is tiny.
     void solve(Index rows, double shift, bool by_rows, const double* r, double* x);
 
-    // C (n, n), row-major, positive definite together with F^T F.
+    // Solve (C + F^T F) x = r + F^T f for x, C (n, n) row-major, the sum positive
+    // definite.
     void solve(Index rows, const double* C, const double* r, double* x);
 
-    // (shift I + G) s = s, for G (rows, rows) that the caller adds to `factor_row` from
-    // the diagonal on, between the two.
+    // Set up the system (shift I + G) x = s. The caller then adds row i of G (rows,
+    // rows) to `factor_row(i)`, from the diagonal on, and calls `finish`.
     void begin(Index rows, double shift, const double* s);
     double* factor_row(Index i) { return factor_ + i * stride_; }
+    // Overwrite s by the solution of the system that `begin` has set up.
     void finish(Index rows, double shift, double* s);
 
   private:

@@ -27,8 +27,8 @@ void NewtonWorkspace::begin_atoms(Index q) {
 
 namespace {
 
-// direction = (shift I + sigma sum_i B_i^T W_i B_i)^-1 (gradient + what the directions
-// have as right-hand side).
+// direction = (shift I + sigma sum_i B_i^T W_i B_i)^-1 (gradient + F^T f), f the
+// right-hand sides of the directions.
 void solve_system(const ReducedProgram& program, double shift, NewtonWorkspace& work) {
     if (work.row_system.solve(work.active, shift, work.gradient, work.direction,
                               program.atoms, work.gram))
@@ -78,8 +78,8 @@ class Lagrangian {
           k_(program.padded_atoms()),
           sigma_(FIRST_SIGMA / program.lam) {}
 
-    // Outer iterations until the gap is within the tolerance, or the steps are used up;
-    // returns Newton steps, beside those taken before.
+    // Run outer iterations until the gap is within the tolerance, or the steps are used
+    // up; returns how many Newton steps it took, beside those `taken` before.
     Index solve(Index taken) {
         steps_ = taken;
         for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
@@ -122,10 +122,10 @@ class Lagrangian {
         }
     }
 
-    // sigma lambda, that of the prox.
+    // sigma lambda, the threshold of the prox.
     double threshold() const { return sigma_ * program_.lam; }
 
-    // phi and its terms at y, for this sigma and M.
+    // Set phi and its terms at y, for this sigma and M.
     void begin_outer() {
         errors_.begin(ERRORS_SHARE * threshold(), iterate_.y, q_);
         yy_ = dot(iterate_.y, iterate_.y, n_);
@@ -133,7 +133,7 @@ class Lagrangian {
         phi_ = value_along(0);
     }
 
-    // phi(y + step direction); the sums of singular values there are left in total.
+    // phi(y + step direction); sets work_.total to the sums of singular values there.
     double value_along(double step) {
         const double part = moreau(iterate_.M, work_.N, step, work_.change, sigma_,
                                    threshold(), work_.total, k_);
@@ -142,8 +142,8 @@ class Lagrangian {
                errors_.value(step);
     }
 
-    // The gradient delta y - w + sum P_i B_i + errors, and the gap of the point it
-    // belongs to.
+    // Find the proximal point of M and E at y, and the gradient delta y - w +
+    // sum P_i B_i + errors, in work_.gradient.
     ProximalPoint find_proximal_point() {
         ActiveBlocks& active = work_.active;
         double* g = work_.gradient;
@@ -174,7 +174,8 @@ class Lagrangian {
         return moved;
     }
 
-    // The gap of the proximal point to the bound by y, scaled until it is feasible.
+    // The relative gap of the proximal point to the dual bound by y; `share` is the
+    // largest of |y| over its bound, `gradient` the square of the norm.
     double relative_gap(double share, double gradient) {
         const bool quadratic = program_.delta > 0;
         double residual = 0;
@@ -190,12 +191,12 @@ class Lagrangian {
     }
 
     // y += step d along Newton's direction, step halved until phi falls (Armijo);
-    // gradient: its norm.
+    // `gradient` is the norm of the gradient.
     void take_newton_step(double gradient) {
         find_direction(gradient);
         double* d = work_.direction;
         correlate(program_.atoms.planes, d, d + q_, work_.change);
-        errors_.aim(d, q_);
+        errors_.set_direction(d, q_);
         const double slope = dot(work_.gradient, d, n_);
         yd_ = dot(iterate_.y, d, n_), dd_ = dot(d, d, n_), wd_ = dot(program_.w, d, n_);
         const auto falls = [&](double step, double value) {
@@ -239,12 +240,12 @@ class Lagrangian {
         negate_direction();
     }
 
-    // d <- -d
+    // d <- -d for Newton's direction.
     void negate_direction() {
         for (Index j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
 
-    // M and E become the proximal point.
+    // Set M and E to the proximal point.
     void accept() {
         const ActiveBlocks& active = work_.active;
         memset(iterate_.M, 0, sizeof(double) * 6 * k_);
@@ -288,7 +289,8 @@ constexpr Index MAX_ROUNDS = 8;
 // speed: the certificate judges either solver.
 constexpr double MAX_START_GAP = 0.95;
 
-// The right-hand side w - y - sum P_i B_i, and the rest of it in the directions.
+// Set up the Newton step on M and y: the active blocks with their weights and
+// directions, work.moved = P_i - M_i, and work.gradient = w - y - sum P_i B_i.
 void build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
                   NewtonWorkspace& work) {
     const Index k = program.padded_atoms(), n = program.unknowns();
@@ -306,7 +308,7 @@ void build_system(const ReducedProgram& program, const Iterate& iterate, double 
     active.find_directions(sigma, work.moved);
 }
 
-// M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
+// M_i <- P_i + W_i (sigma dN_i + P_i - M_i), dN = fresh_N - N; returns sum ||M_i||_2.
 double move_transforms(const ReducedProgram& program, double sigma,
                        const double* fresh_N, Iterate& iterate, NewtonWorkspace& work) {
     const Index k = program.padded_atoms();

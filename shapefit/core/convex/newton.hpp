@@ -40,6 +40,7 @@
 
 namespace shapefit {
 
+// The convex program of one image in reduced coordinates, and when to stop.
 struct ReducedProgram {
     ReducedAtoms& atoms;
     const double* w;  // (2, q)
@@ -59,7 +60,7 @@ struct Iterate {
     double* y;
 };
 
-// Room for up to q coordinates; everything is written before it is read.
+// Memory for images of up to q coordinates; everything is written before it is read.
 struct NewtonWorkspace {
     ActiveBlocks active;
     ShiftedGram gram;
@@ -73,24 +74,25 @@ struct NewtonWorkspace {
     NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
                     Index further_rows);
 
-    // Make room for other atoms, of q coordinates.
+    // Begin with other atoms, of q coordinates.
     void begin_atoms(Index q);
 };
 
-// Solve from the iterate, which is overwritten, within max_steps - taken; returns
-// Newton steps.
+// Solve the program by the augmented Lagrangian from any iterate, which is overwritten,
+// in at most max_steps - taken Newton steps; returns how many it took.
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
                        NewtonWorkspace& work, Index taken);
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
                        SparseErrors& errors, NewtonWorkspace& work, Index taken);
 
+// How many Newton steps were taken, and whether the tolerance was reached.
 struct PrimalDualEnd {
     Index steps;
     bool solved;
 };
 
-// Takes the iterate, of which room.N holds the correlation, to the tolerance; where it
-// does not get there the iterate is left as it was.
+// Solve the program and its dual together from a good iterate, of which work.N holds y
+// B_i^T; where the tolerance is not reached the iterate is left as it was.
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
                                 NewtonWorkspace& work);
 
@@ -99,8 +101,8 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
 struct DualBound {
     double scale, value;
 
-    // `largest` is max_i ||y B_i^T||_*, `share` that of the bound which |y| reaches
-    // (none: 0).
+    // The bound by a y with ||y||^2 = yy and <y, w> = yw. `largest` is max_i ||y
+    // B_i^T||_*, `share` the largest |y_j| / bound_j, 0 where there is no bound.
     DualBound(double lam, double delta, double largest, double share, double yy,
               double yw) {
         scale = smaller(lam / larger(largest, TINY), 1 / larger(share, TINY));
@@ -109,6 +111,7 @@ struct DualBound {
         value = scale * yw - delta * 0.5 * scale * scale * yy;
     }
 
+    // |P - D| / P.
     double relative_gap(double primal) const {
         return magnitude(primal - value) / larger(primal, TINY);
     }

@@ -33,7 +33,8 @@ bool RowSystem::solve(const ActiveBlocks& active, double shift, const double* r,
     return true;
 }
 
-// Those of six directions come first: directions 4 and 5 are of the first blocks then.
+// Set the order of the active blocks, those of six directions first: directions 4 and 5
+// are of the first blocks then.
 void RowSystem::sort_blocks(const ActiveBlocks& active) {
     blocks_ = active.count;
     wide_ = 0;
@@ -49,8 +50,8 @@ void RowSystem::sort_blocks(const ActiveBlocks& active) {
 void RowSystem::copy_directions(const ActiveBlocks& active) {
     for (int t = 0; t < 6; ++t)
         for (int e = 0; e < 7; ++e) {
-            const double* from = active.number(t, e);
-            double* to = number(t, e);
+            const double* from = active.entry(t, e);
+            double* to = entry(t, e);
             const Index count = blocks_with(t);
             for (Index d = 0; d < count; ++d) to[d] = from[order_[d]];
             for (Index d = count; d < padded(count); ++d) to[d] = 0;
@@ -66,14 +67,14 @@ void RowSystem::find_right_side(double shift, const double* r, ReducedAtoms& ato
         for (int e = 0; e < 6; ++e)
             along[e] = dot(r + e / 3 * q, B + e % 3 * atoms.row, q);
         for (int t = 0; t < 6 && d < blocks_with(t); ++t) {
-            double sum = -shift * number(t, 6)[d];
-            for (int e = 0; e < 6; ++e) sum += number(t, e)[d] * along[e];
+            double sum = -shift * entry(t, 6)[d];
+            for (int e = 0; e < 6; ++e) sum += entry(t, e)[d] * along[e];
             s_[first_[t] + d] = sum;
         }
     }
 }
 
-// The rows of F F^T of block c, from the diagonal on.
+// Add the rows of F F^T that belong to block c, from the diagonal on.
 void RowSystem::add_products_of(Index c, ShiftedGram& gram) {
     const double* products = products_.with(atom_[c]);
     for (int e = 0; e < 9; ++e) {
@@ -90,11 +91,12 @@ void RowSystem::add_products_of(Index c, ShiftedGram& gram) {
     }
 }
 
-// row_d += <T_tc, T_ud (B_d B_c^T)>, a vector of blocks at a time, from the one that
-// holds block `first` on. Directions are 0 beyond the last block, and nobody reads what
-// a row has left of the diagonal.
+// row_d += <T_tc, T_ud (B_d B_c^T)> for direction u of all blocks d, with T_tc B_c
+// B_d^T in turned_: a vector of blocks at a time, from the one that holds block `first`
+// on. Directions are 0 beyond the last block, and nobody reads what a row has left of
+// the diagonal.
 void RowSystem::add_products_with(int u, Index first, double* row) const {
-    const double* T = number(u, 0);
+    const double* T = entry(u, 0);
     for (Index d = first / WIDTH * WIDTH; d < blocks_with(u); d += WIDTH) {
         Doubles sum = load(row + d);
         for (int e = 0; e < 6; ++e)
@@ -103,12 +105,12 @@ void RowSystem::add_products_with(int u, Index first, double* row) const {
     }
 }
 
-// T_tc B_c B_d^T for all d.
+// turned_ = T_tc B_c B_d^T for all d.
 void RowSystem::turn_products(int t, Index c) {
     const Index n = capacity_;
     for (int a = 0; a < 2; ++a) {
-        const double x = number(t, 3 * a)[c], y = number(t, 3 * a + 1)[c],
-                     z = number(t, 3 * a + 2)[c];
+        const double x = entry(t, 3 * a)[c], y = entry(t, 3 * a + 1)[c],
+                     z = entry(t, 3 * a + 2)[c];
         for (int b = 0; b < 3; ++b) {
             double* out = turned_ + (3 * a + b) * n;
             const double* G = product_ + b * n;
@@ -127,7 +129,7 @@ void RowSystem::expand(double shift, const double* r, double* x,
     for (Index d = 0; d < blocks_; ++d) {
         double M[6] = {};
         for (int t = 0; t < 6 && d < blocks_with(t); ++t)
-            for (int e = 0; e < 6; ++e) M[e] += s_[first_[t] + d] * number(t, e)[d];
+            for (int e = 0; e < 6; ++e) M[e] += s_[first_[t] + d] * entry(t, e)[d];
         subtract_shape(M, atoms[atom_[d]], atoms.row, x, q);
     }
     for (Index j = 0; j < 2 * q; ++j) x[j] /= shift;

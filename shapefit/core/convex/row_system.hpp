@@ -19,6 +19,7 @@
 
 namespace shapefit {
 
+// The system in the space of the rows, of one image after another.
 class RowSystem {
   public:
     RowSystem(Workspace& workspace, Index padded_atoms);
@@ -26,15 +27,19 @@ class RowSystem {
     // Forget all products of atoms, as these have changed.
     void clear() { products_.clear(); }
 
-    // x from r (2, q), for the directions that the blocks have found. False, and
-    // nothing done, where the system is better solved with the rows written.
+    // Solve (shift I + F^T F) x = r + F^T f for x (2, q), with F and f of the
+    // directions of the active blocks. False, with x as it was, where the system is
+    // solved faster with the rows written.
     bool solve(const ActiveBlocks& active, double shift, const double* r, double* x,
                ReducedAtoms& atoms, ShiftedGram& gram);
 
   private:
+    // The number of rows of F.
     Index rows() const { return 4 * blocks_ + 2 * wide_; }
+    // The number of blocks that have a direction, 0 .. 5.
     Index blocks_with(int direction) const { return direction < 4 ? blocks_ : wide_; }
-    double* number(int direction, int e) const {
+    // Entry e of a direction (2, 3) for all blocks; e = 6: its right-hand side.
+    double* entry(int direction, int e) const {
         return directions_ + (7 * direction + e) * capacity_;
     }
 

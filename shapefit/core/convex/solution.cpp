@@ -46,7 +46,7 @@ struct Certifier {
 
     Certifier(const ConvexProgram& data, Workspace& workspace)
         : program(data),
-          planes(find_planes(data.atoms, workspace)),
+          planes(make_planes(data.atoms, workspace)),
           centred(workspace.matrix<double>(2, data.atoms.size[2])),
           left(workspace.matrix<double>(2, data.atoms.size[2])),
           weighted(workspace.matrix<double>(2, data.atoms.size[2])),
@@ -64,12 +64,13 @@ struct Certifier {
                  const ConvexProof& proof);
 };
 
+// The objective, and the squared norms of residual and landmarks, as far as summed.
 struct Sums {
     double primal = 0, residual = 0, scale = 0;
 };
 
-// `centred` and `left` become W less its mean, weighted by omega^2; returns omega .
-// omega.
+// Set mean (2,) to the mean of W with the weights omega^2, and `centred` and `left` to
+// W less it, 0 where hidden; returns sum_j omega_j^2.
 double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work,
               double* mean) {
     const Index p = omega.size[0];
@@ -109,7 +110,8 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B,
     return norms;
 }
 
-// The translation of one axis beside the mean: the mean of what M and, if any, E leave.
+// The translation of one axis less the mean of W: the mean of what M and, where given,
+// E leave of it.
 double find_shift(Vector<const double> omega, const double* left, const double* E,
                   bool quadratic) {
     double shift = 0, total = 0;
@@ -122,7 +124,8 @@ double find_shift(Vector<const double> omega, const double* left, const double* 
     return shift / total;
 }
 
-// The loss of one axis, its errors, and Y made orthogonal to omega.
+// Add the loss and the residual of one axis to the sums, write its errors E, and make
+// its Y orthogonal to omega, whose square is `total`.
 void add_axis(const ConvexProgram& program, Vector<const double> omega, double total,
               double shift, const double* centred, const double* left, double* E,
               double* Y, Sums& sums) {
@@ -145,7 +148,7 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
         Y[j] = omega[j] > 0 ? Y[j] - along * omega[j] : 0;
 }
 
-// Scale Y until it is feasible; returns D.
+// Scale Y (2, p) until it is dual feasible; returns the bound D.
 double find_bound(const ConvexProgram& program, Vector<const double> omega, double lam,
                   Certifier& work, Matrix<double> Y) {
     const Index p = omega.size[0];
@@ -224,7 +227,7 @@ class BlockSolver {
           padded_(certifier_.planes.padded_atoms),
           atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
-          work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
+          work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, is_robust() ? 2 * p_ : 0) {
         const auto numbers = [&](Index count) {
             return workspace_.zeros<double>(count);
         };
@@ -239,14 +242,14 @@ class BlockSolver {
         for (Index j = 0; j < p_; ++j) last_weights_[j] = -1, ones_[j] = 1;
     }
 
-    // Solve as if nothing came before.
+    // Forget the solutions of earlier images.
     void begin() { last_.known = before_.known = false; }
 
     // Solve and certify an image, and write what the task asks for.
     void solve(Index image) {
-        const bool same_mask = take_weights(image);
+        const bool same_mask = reduce_atoms(image);
         if (reduction_.visible_count < 2) return set_degenerate(image);
-        take_landmarks(image);
+        reduce_landmarks(image);
         ReducedProgram reduced{atoms_,
                                w_,
                                program_.lam[image] / (units_.dual * units_.atoms),
@@ -273,14 +276,16 @@ class BlockSolver {
     }
 
   private:
-    // Whether the loss has sparse errors E, and whether its dual has 1/2 ||Y||^2.
-    bool robust() const { return program_.bound < INFINITE; }
-    bool quadratic() const { return program_.delta > 0; }
+    // Whether the loss has sparse errors E.
+    bool is_robust() const { return program_.bound < INFINITE; }
+    // Whether the dual of the loss has the term 1/2 ||Y||^2.
+    bool is_quadratic() const { return program_.delta > 0; }
+    // Coordinates of the reduced landmarks.
     Index q() const { return reduction_.coordinates(); }
 
-    // Reduce the atoms where the weights are not the last image's; returns whether they
-    // are.
-    bool take_weights(Index image) {
+    // Reduce the atoms by the weights of an image, unless these are the last image's;
+    // returns whether they are.
+    bool reduce_atoms(Index image) {
         const Vector<const double> omega = program_.weights[image];
         if (are_equal(omega.data, last_weights_.data, p_)) return true;
         for (Index j = 0; j < p_; ++j) {
@@ -288,9 +293,9 @@ class BlockSolver {
             // Without a quadratic the weights move from the residual to the bounds of
             // the dual, f(omega r) = omega f(r): the same program, but well conditioned
             // whatever they are.
-            rho_[j] = !quadratic() && omega[j] > 0 ? 1 : omega[j];
+            rho_[j] = !is_quadratic() && omega[j] > 0 ? 1 : omega[j];
         }
-        reduction_.find(rho_);
+        reduction_.set_weights(rho_);
         if (reduction_.visible_count < 2) return false;
         const double largest = atoms_.reduce(rho_.data, reduction_);
         units_.atoms = largest > 0 ? largest : 1;
@@ -299,8 +304,9 @@ class BlockSolver {
         return false;
     }
 
-    // Reduce the landmarks to ||w|| = 1, and set units and bounds.
-    void take_landmarks(Index image) {
+    // Reduce the landmarks of an image and scale them to ||w|| = 1; set units and
+    // bounds.
+    void reduce_landmarks(Index image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
         reduction_.reduce_landmarks(W, rho_.data, w_, q());
@@ -308,9 +314,9 @@ class BlockSolver {
         units_.landmarks = total > 0 ? root(total) : 1;
         for (Index j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;
         units_.dual =
-            quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
+            is_quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
         for (Index j = 0; j < p_; ++j) {
-            const double weight = quadratic() ? 1 : last_weights_[j];
+            const double weight = is_quadratic() ? 1 : last_weights_[j];
             bounds_[j] = program_.bound * weight / units_.dual;
         }
     }
@@ -356,8 +362,7 @@ class BlockSolver {
         return dot(left, left, n) < MAX_UNEXPLAINED_SHARE * dot(w_, w_, n);
     }
 
-    // Set `active_` to the transforms of M (6, padded) that are not 0; beyond the atoms
-    // nothing counts.
+    // Set `active_` to the transforms of M (6, padded) that are not 0, but for padding.
     void list_active(const double* M) {
         active_.count = 0;
         for (Index i = 0; i < padded_; i += WIDTH) {
@@ -382,16 +387,16 @@ class BlockSolver {
         for (Index j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
     }
 
-    // Solve from the iterate, after `taken` Newton steps; returns how many it took
-    // more.
+    // Solve from the iterate, after `taken` Newton steps, first as from a good start
+    // where `near`; returns how many more steps it took.
     Index solve_reduced(Index image, const ReducedProgram& reduced, bool near,
                         Index taken) {
-        if (robust()) {
+        if (is_robust()) {
             errors_.attach(reduction_, bounds_, task_.point.errors[image].data);
             return solve_lagrangian(reduced, iterate_, errors_, work_, taken);
         }
         Index steps = 0;
-        if (near && quadratic()) {
+        if (near && is_quadratic()) {
             correlate(atoms_.planes, iterate_.y, iterate_.y + q(), work_.N);
             const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, work_);
             steps = end.steps;
@@ -401,7 +406,7 @@ class BlockSolver {
                solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
     }
 
-    // The last solution becomes the one before, and the iterate the last.
+    // Store the last solution as the one before it, and the iterate as the last.
     void shift_solutions(bool same_mask) {
         const Memory oldest = before_;
         before_ = last_;
@@ -420,7 +425,7 @@ class BlockSolver {
     }
 
     // Write the dual point Y and the errors E of the last solution, for all landmarks
-    // of the image, and list its transforms.
+    // of the image, and set `active_` to its transforms.
     void write_point(Index image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
@@ -431,7 +436,7 @@ class BlockSolver {
                 const Index j = reduction_.visible[m];
                 const double weight = rho_[j] / last_weights_[j];
                 Y[j] = Y_[a * p_ + j] * weight;
-                if (robust()) E[j] *= units_.landmarks / weight;
+                if (is_robust()) E[j] *= units_.landmarks / weight;
             }
         }
     }
@@ -446,27 +451,28 @@ class BlockSolver {
             task_.end.status[image] = Status::NUMERICAL_FAILURE;
             return;
         }
-        const bool exact = !quadratic() && !robust();
+        const bool exact = !is_quadratic() && !is_robust();
         const double worst = exact ? larger(gap, task_.proof.residual[image]) : gap;
         task_.end.status[image] = worst <= task_.options.tolerance
                                       ? Status::OPTIMAL
                                       : Status::ITERATION_LIMIT;
     }
 
-    // E is in the unit of the weighted residual, as certificates have it: back to that
-    // of the solver, and on to that of the landmarks.
+    // Scale E from the unit of the weighted residual, which certificates use, back to
+    // that of the solver.
     void scale_errors_to_solver(Index image) {
         scale_errors(image, [&](Index j) {
             return rho_[j] / last_weights_[j] / units_.landmarks;
         });
     }
+    // Scale E from the unit of the weighted residual to that of the landmarks.
     void scale_errors_to_landmarks(Index image) {
         scale_errors(image, [&](Index j) { return 1 / last_weights_[j]; });
     }
     // E_j *= scale(j) of the visible landmarks.
     template <class Scale>
     void scale_errors(Index image, const Scale& scale) {
-        if (!robust()) return;
+        if (!is_robust()) return;
         for (int a = 0; a < 2; ++a)
             for (Index m = 0; m < reduction_.visible_count; ++m) {
                 const Index j = reduction_.visible[m];
@@ -474,7 +480,7 @@ class BlockSolver {
             }
     }
 
-    // Take as many places of the common list as there are transforms, and fill them.
+    // Append the transforms of the image to the common list of all images.
     void append_transforms(Index image) {
         const Index count = active_.count;
         const Index at =
@@ -486,7 +492,7 @@ class BlockSolver {
                sizeof(double) * 6 * count);
     }
 
-    // State that too few landmarks of the image are seen to solve anything.
+    // Write that too few landmarks of the image are visible to solve anything.
     void set_degenerate(Index image) {
         task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;

@@ -32,11 +32,11 @@ RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& 
       step_(workspace, image.atoms, problem.atoms.size[2]),
       shape_(workspace.zeros<double>(3 * padded(problem.atoms.size[2]))) {}
 
-bool RotationObjective::aim(Index at) {
-    if (!image.take(problem.landmarks[at], problem.weights[at])) return false;
+bool RotationObjective::set_image(Index at) {
+    if (!image.reduce(problem.landmarks[at], problem.weights[at])) return false;
     square = dot_padded(image.w, image.w, 2 * atoms.row);
     lam = problem.lam[at];
-    step_.aim(image.w, lam, false);
+    step_.set_program(image.w, lam, false);
     step_.set.clear();
     return true;
 }
@@ -89,12 +89,13 @@ constexpr double DAMPING = 1e-3;  // of the first curvature, beside its trace
 constexpr double MIN_CURVATURE =
     1e-10;  // share of |s| |y| from which s.y counts as positive
 
+// A rotation, v there and its gradient.
 struct Point {
     Rotation R;
     double value, gradient[3];
 };
 
-// H (3, 3) = (curvature + damping)^-1, by cofactors.
+// H (3, 3) = (curvature + DAMPING tr(curvature) I)^-1, by cofactors.
 void invert_curvature(const double* curvature, double* H) {
     double A[9], C[9];
     const double trace = curvature[0] + curvature[4] + curvature[8];
@@ -105,8 +106,9 @@ void invert_curvature(const double* curvature, double* H) {
         H[e] = determinant > 0 ? C[e] / determinant : e % 4 == 0;
 }
 
-// H <- (I - s y^T / s.y) H (I - y s^T / s.y) + s s^T / s.y, where s.y is positive.
-void update(const double* s, const double* y, double* H) {
+// Update the inverse Hessian H after a step s that changed the gradient by y (BFGS): H
+// <- (I - s y^T / s.y) H (I - y s^T / s.y) + s s^T / s.y, where s.y is positive.
+void update_inverse_hessian(const double* s, const double* y, double* H) {
     const double sy = inner3(s, y);
     if (!(sy > MIN_CURVATURE * root(inner3(s, s) * inner3(y, y)))) return;
     double Hy[3];
@@ -117,7 +119,9 @@ void update(const double* s, const double* y, double* H) {
             H[3 * a + b] += more * s[a] * s[b] - (s[a] * Hy[b] + Hy[a] * s[b]) / sy;
 }
 
-// A step that keeps Armijo's rule; false where none does.
+// Shorten `step` until v falls by Armijo's rule, and set `to` to the point it leads to;
+// false where no such step is found. `slope` < 0 is what the gradient predicts
+// for the change of v.
 bool search_line(RotationObjective& objective, const Point& from, double* step,
                  double slope, Point& to) {
     for (int trial = 0; trial < MAX_TRIALS; ++trial) {
@@ -154,7 +158,7 @@ double descend(RotationObjective& objective, double* q, double share) {
         objective.derivatives(next.gradient, curvature);
         double change[3];
         for (int a = 0; a < 3; ++a) change[a] = next.gradient[a] - now.gradient[a];
-        update(step, change, H);
+        update_inverse_hessian(step, change, H);
         now = next;
     }
     quaternion_of(now.R, q);

@@ -50,12 +50,12 @@ struct GlobalData {
 
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.
 
-// p.q
+// p.q of two quaternions.
 inline double inner4(const double* p, const double* q) {
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3];
 }
 
-// q <- q / |q|
+// q <- q / |q| for a quaternion q.
 inline void make_unit(double* q) {
     const double length = 1 / root(inner4(q, q));
     for (int e = 0; e < 4; ++e) q[e] *= length;
@@ -76,10 +76,10 @@ inline void bilinear_rows(const double* p, const double* q, double* out) {
     out[5] = yz - wx;
 }
 
-// R of a unit quaternion.
+// The rotation R of a unit quaternion q.
 Rotation rotation_of(const double* q);
 
-// The unit quaternion of R (3, 3), one of the two.
+// Set q to one of the two unit quaternions of R (3, 3).
 void quaternion_of(const double* R, double* q);
 
 // What rounding may add to an objective or take off D(s Y), beside ||w||^2.
@@ -90,22 +90,20 @@ class RotationObjective {
   public:
     RotationObjective(Workspace& workspace, const SearchProblem& problem);
 
-    // Turn to an image; false where it shows fewer than two landmarks.
-    bool aim(Index image);
+    // Set the image; false where it has fewer than two visible landmarks.
+    bool set_image(Index image);
 
-    // v at R (3, 3), with `coefficients()` as the start and the end of their
-    // minimisation.
+    // v at R; `coefficients()` are the start of the minimisation over c, and then its
+    // minimum.
     double value(const Rotation& R);
 
-    // Of the last value, by the turn of the camera frame: the gradient (3,), and the
-    // curvature (3, 3) with the coefficients held and the residual left out (Gauss and
-    // Newton).
+    // Set the gradient (3,) of v at the last R in turns of the camera frame, and the
+    // curvature (3, 3) of Gauss and Newton, with the coefficients fixed.
     void derivatives(double* gradient, double* curvature);
 
     ActiveSet& coefficients() { return step_.set; }
-    const double* residual() const {
-        return step_.residual();
-    }  // Y (2, row), 0 from q on
+    // The residual Y = w - Rbar sum_i c_i B_i (2, row) at the last R, 0 from q on.
+    const double* residual() const { return step_.residual(); }
 
     const SearchProblem& problem;
     ReducedImage image;
@@ -125,9 +123,9 @@ class RotationObjective {
 // Share of v that each step of the last descent must promise to take off.
 constexpr double LAST_PROMISED_FALL = 1e-13;
 
-// Take the unit quaternion q downhill until a step promises a fall of at most `share`
-// of v, or none is found; returns v there. The coefficients of the objective are the
-// start and those of the end.
+// Move the unit quaternion q to a local minimum of v, until a step promises a fall of
+// at most `share` of v, or none is found; returns v there. The coefficients of the
+// objective are the start, and then those of the minimum.
 double descend(RotationObjective& objective, double* q, double share);
 
 }  // namespace shapefit

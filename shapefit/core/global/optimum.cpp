@@ -19,7 +19,7 @@ struct Best {
     double q[4];
     double objective = INFINITE;
 
-    // Replace the best rotation by another quaternion where its objective is smaller.
+    // Replace the best rotation by another one where its objective `value` is smaller.
     void offer(const double* other, double value) {
         if (!(value < objective)) return;
         objective = value;
@@ -77,8 +77,10 @@ class DroppedCells {
           corners_(data.corners[image]),
           cuts_(data.cuts[image]) {}
 
+    // Forget all cells.
     void clear() { count_ = 0; }
 
+    // Write the corners of a cell and the cut it was dropped at, if there is room.
     void add(const Cell& cell, Vertices& vertices) {
         if (count_ == cuts_.size[0]) return;
         for (int a = 0; a < 4; ++a)
@@ -93,7 +95,8 @@ class DroppedCells {
     Vector<double> cuts_;
 };
 
-// Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
+// Search all rotations with the cut (1 - gap) U until all cells are dropped, or so many
+// were tested; `best` is replaced by any better rotation on the way.
 SearchEnd search(double gap, Index max_cells, RotationObjective& objective,
                  CellSearch& cells, Best& best, DroppedCells& dropped) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
@@ -124,8 +127,9 @@ SearchEnd search(double gap, Index max_cells, RotationObjective& objective,
     return {cells.vertices.cut(), true};
 }
 
-// Search with the gap asked for, and where the limit is reached with looser ones, on as
-// many cells again at most: what a search that was cut short proves is little.
+// Search with the gap asked for and, where the limit of cells is reached, again with
+// wider gaps, on as many cells again at most: a search that was cut short proves
+// little.
 SearchEnd search_within_limits(const GlobalData& data, RotationObjective& objective,
                                CellSearch& cells, Best& best, DroppedCells& dropped) {
     const SearchEnd first =
@@ -146,14 +150,15 @@ SearchEnd search_within_limits(const GlobalData& data, RotationObjective& object
 
 }  // namespace
 
-// Search all rotations for the images of the range; see docs/global.md.
+// Write the optimum over all rotations, and a bound below it, for each image of the
+// range; see docs/global.md.
 void find_optimum(const GlobalData& data, Range range) {
     Workspace workspace;
     const RootCells roots;
     RotationObjective objective(workspace, data.problem);
     CellSearch cells(workspace, objective, roots, 2 * data.max_cells);
     for (Index image = range.first; image < range.last; ++image) {
-        if (!objective.aim(image)) {
+        if (!objective.set_image(image)) {
             data.status[image] = Status::DEGENERATE;
             continue;
         }

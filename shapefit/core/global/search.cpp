@@ -11,8 +11,8 @@ constexpr int EVEN[12][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {1, 0, 3,
                              {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 0, 1, 3}, {2, 1, 3, 0},
                              {2, 3, 0, 1}, {3, 0, 2, 1}, {3, 1, 0, 2}, {3, 2, 1, 0}};
 
-// Vertices of one sign each: the units, (1, +-1, +-1, +-1) / 2 and the even
-// permutations of (golden, +-1, +-1/golden, 0) / 2.
+// Write the vertices of the 600-cell modulo sign, and return their number: the units,
+// (1, +-1, +-1, +-1) / 2 and the even permutations of (golden, +-1, +-1/golden, 0) / 2.
 int place_vertices(double (*vertex)[4]) {
     int count = 0;
     for (int e = 0; e < 4; ++e, ++count)
@@ -83,7 +83,7 @@ void Vertices::begin(const RootCells& roots) {
     }
 }
 
-bool Vertices::middle(int a, int b, int& number) {
+bool Vertices::find_middle(int a, int b, int& number) {
     const uint64_t low = a < b ? a : b, high = a < b ? b : a;
     const uint64_t key = (high << 32 | low) + 1;
     if (2 * count_ >= table_) grow_table();
@@ -110,7 +110,7 @@ void Vertices::set_cut(double value) {
 }
 
 // The smaller root of s <Y, w> - s^2 ||Y||^2 / 2 = cut.
-bool Vertices::reaches(Vertex& vertex) const {
+bool Vertices::reaches_cut(Vertex& vertex) const {
     if (vertex.scaled_for != number_of_cut_) {
         const double goal = cut_ + ROUNDING * objective_.square, a = vertex.square,
                      b = vertex.along;
@@ -163,7 +163,7 @@ void Vertices::allocate(Vertex& vertex) {
     vertex.x = workspace_.zeros<double>(k);
 }
 
-// The products of a vertex's Y with all atoms, and the largest norm of these.
+// Set the products of a vertex's Y with all atoms, and the largest norm of these.
 void Vertices::find_products(Vertex& vertex) {
     const ReducedAtoms& atoms = objective_.atoms;
     correlate(atoms.planes, vertex.Y, vertex.Y + atoms.row, vertex.products);
@@ -178,7 +178,7 @@ void Vertices::find_products(Vertex& vertex) {
     vertex.largest = root(largest(most));
 }
 
-// Double the hash table of the middles of edges, and place all known ones anew.
+// Double the hash table of the middles of edges, and insert all known ones anew.
 void Vertices::grow_table() {
     const Index before = table_;
     const uint64_t* keys = keys_;
@@ -190,7 +190,8 @@ void Vertices::grow_table() {
         if (keys[e] != 0) *place_of_edge(keys[e]) = middles[e];
 }
 
-// Where the middle of an edge stands; -1 where it was not known.
+// The entry of the hash table for the edge of this key: the number of the vertex at its
+// middle, or -1 where the edge is new.
 Index* Vertices::place_of_edge(uint64_t key) {
     const uint64_t mask = table_ - 1;
     uint64_t at = key * 0x9E3779B97F4A7C15u >> 20 & mask;
@@ -228,7 +229,7 @@ struct Forms {
     double inner[PAIRS];
 };
 
-// The triple of a and a pair.
+// The index in TRIPLE of the corner a with the corners of a pair.
 constexpr int triple_of(int a, int pair) {
     int sorted[3] = {a, PAIR[pair][0], PAIR[pair][1]};
     for (int pass = 0; pass < 2; ++pass)
@@ -245,6 +246,7 @@ constexpr int triple_of(int a, int pair) {
     return t;
 }
 
+// triple[a][pair] is triple_of(a, pair).
 struct Targets {
     constexpr Targets() : triple() {
         for (int a = 0; a < 4; ++a)
@@ -255,8 +257,8 @@ struct Targets {
 };
 constexpr Targets TARGETS;
 
-// Find the forms of a cell; the signs of its corners are those of the hemisphere about
-// the first.
+// Set the factors s_a Q(q_b, q_c) and the products q_b.q_c of a cell, whose corners
+// take the signs of the hemisphere about the first.
 void find_forms(const Vertex* const* corner, Forms& forms) {
     double q[4][4];
     for (int a = 0; a < 4; ++a) {
@@ -276,11 +278,11 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
     }
 }
 
-// The left side of every inequality at WIDTH atoms from i on; the largest so far goes
-// to `most`. Not inlined: out of its loop the compiler would copy each number of the
-// forms into a vector.
-[[gnu::noinline]] void raise(const Vertex* const* corner, Index k, Index i,
-                             const Forms& forms, Doubles* most) {
+// Raise most (TRIPLES,) to the left side of each inequality at WIDTH atoms from i on.
+// Not inlined: out of its loop the compiler would copy each number of the forms into a
+// vector.
+[[gnu::noinline]] void raise_largest(const Vertex* const* corner, Index k, Index i,
+                                     const Forms& forms, Doubles* most) {
     Doubles left[TRIPLES] = {};
 #pragma GCC unroll 4
     for (int a = 0; a < 4; ++a) {
@@ -297,17 +299,18 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
     for (int t = 0; t < TRIPLES; ++t) most[t] = larger(left[t], most[t]);
 }
 
-// The largest left side of each inequality, one a triple of corners, over the atoms.
+// out (TRIPLES,) = the largest left side over the atoms of the inequality of each
+// triple.
 void find_largest(const Vertex* const* corner, Index k, const Forms& forms,
                   double* out) {
     Doubles most[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) most[t] = all(-INFINITE);
-    for (Index i = 0; i < k; i += WIDTH) raise(corner, k, i, forms, most);
+    for (Index i = 0; i < k; i += WIDTH) raise_largest(corner, k, i, forms, most);
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);
 }
 
-// By how much the left side of each inequality exceeds the right one, rounding
-// included.
+// excess (TRIPLES,) = by how much the left side of each inequality exceeds the right
+// one at most, rounding included.
 void find_excess(const RotationObjective& objective, const Vertex* const* corner,
                  double* excess) {
     const ReducedAtoms& atoms = objective.atoms;
@@ -383,7 +386,7 @@ bool CellSearch::take(Cell& cell) {
 bool CellSearch::is_dropped(const Cell& cell, int& edge) {
     ++tested;
     for (int number : cell.vertex)
-        if (!vertices.reaches(vertices[number])) {
+        if (!vertices.reaches_cut(vertices[number])) {
             edge = longest_edge(cell);
             return false;
         }
@@ -393,9 +396,9 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
     return false;
 }
 
-// The edge with the most violation times length, among those that are not much shorter
-// than others: without this cells flatten. Where no edge is violated the longest, and
-// after some splits too, so that every cell gets small in the end.
+// The edge to split: that with the most violation times length, among those that are
+// not much shorter than others: without this cells flatten. Where no edge is violated
+// the longest, and after some splits too, so that every cell gets small in the end.
 int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
     double length[EDGES], longest = 0, most = 0;
     int chosen = longest_edge(cell);
@@ -416,7 +419,7 @@ int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
 bool CellSearch::split(const Cell& cell, int edge, int& middle) {
     if (waiting_ + 2 > capacity_) return false;
     const int a = EDGE[edge][0], b = EDGE[edge][1];
-    if (!vertices.middle(cell.vertex[a], cell.vertex[b], middle)) return false;
+    if (!vertices.find_middle(cell.vertex[a], cell.vertex[b], middle)) return false;
     const int passed = edge == longest_edge(cell) ? 0 : cell.passed + 1;
     for (int end : EDGE[edge]) {
         Cell& half = stack_[waiting_++];
@@ -431,7 +434,7 @@ double CellSearch::prove_rest() {
     const auto holds = [&](const Cell& cell, double cut) {
         vertices.set_cut(cut);
         for (int number : cell.vertex)
-            if (!vertices.reaches(vertices[number])) return false;
+            if (!vertices.reaches_cut(vertices[number])) return false;
         return evaluate(cell).dropped;
     };
     double proven = vertices.cut();
@@ -447,7 +450,6 @@ double CellSearch::prove_rest() {
     return proven;
 }
 
-// The longest edge of a cell, whose ends are rotations farthest apart.
 int CellSearch::longest_edge(const Cell& cell) {
     int longest = 0;
     for (int edge = 1; edge < EDGES; ++edge)
@@ -462,6 +464,7 @@ double CellSearch::inner_along(const Cell& cell, int edge) {
     return magnitude(inner4(one.q, other.q));
 }
 
+// Test a cell all of whose vertices reach the cut.
 Verdict CellSearch::evaluate(const Cell& cell) {
     check_interrupt();
     const Vertex* corner[4];

@@ -56,24 +56,28 @@ struct Vertex {
     double* x;         // (capacity,)
 };
 
+// All vertices of an image's cells, by number.
 class Vertices {
   public:
     Vertices(Workspace& workspace, RotationObjective& objective, Index most);
 
-    // Forget all and begin with those of the 600-cell.
+    // Forget all vertices, and add those of the 600-cell.
     void begin(const RootCells& roots);
 
-    // A new vertex at q, whose coefficients start from those of another one, if any.
+    // Add a vertex at q; the minimisation of its coefficients starts from those of the
+    // vertex `like`, if any.
     Vertex& add(const double* q, const Vertex* like);
 
-    // The vertex half-way between two; false where there is no room for it.
-    bool middle(int a, int b, int& number);
+    // Set `number` to that of the vertex half-way between vertices a and b, which is
+    // added where it is new; false where there is no memory for it.
+    bool find_middle(int a, int b, int& number);
 
-    // Change what a scaled multiplier has to reach.
+    // Set the cut, which D(s Y) of a vertex has to reach.
     void set_cut(double value);
 
-    // s of the vertex, for the cut; false where it does not reach it.
-    bool reaches(Vertex& vertex) const;
+    // Whether D(s Y) of a vertex reaches the cut for any s; `scale` is set to the
+    // least.
+    bool reaches_cut(Vertex& vertex) const;
 
     Vertex& operator[](int number) { return *all_[number]; }
     int count() const { return count_; }
@@ -119,39 +123,43 @@ struct Verdict {
 
 constexpr int TRIPLES = 20;
 
-// Judge the cell of four vertices that reach the cut, in any signs.
+// Test the cell of four vertices that reach the cut, whose quaternions may have either
+// sign.
 Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner);
 
+// The cells of an image that are still to be tested, and the test and split of each.
 class CellSearch {
   public:
     CellSearch(Workspace& workspace, RotationObjective& objective,
                const RootCells& roots, Index max_cells);
 
-    // Start over with the cells of the 600-cell; the vertices keep what is known of
-    // them.
+    // Start a search with the cells of the 600-cell; vertices that were added before
+    // stay.
     void begin();
 
-    // Begin another image, that of the objective, with the vertices of the 600-cell.
+    // Begin with the image of the objective, and the vertices of the 600-cell.
     void begin_image();
 
-    // The next cell; false where none is left.
+    // Take the next cell to test; false where none is left.
     bool take(Cell& cell);
 
-    // Whether the cell holds no rotation below the cut. If not, `edge` is the one to
-    // split.
+    // Whether it is proven that the cell holds no rotation with an objective below the
+    // cut. If not, `edge` is set to the one to split.
     bool is_dropped(const Cell& cell, int& edge);
 
-    // Replace a cell by its halves; `middle` is the new vertex. False where there is no
-    // room.
+    // Let the two halves of a cell, split at the middle of an edge, wait for their
+    // tests; `middle` is set to the number of the vertex there. False where there is no
+    // memory for them.
     bool split(const Cell& cell, int edge, int& middle);
 
-    // Let a cell wait again.
+    // Let a cell wait for its test again.
     void put_back(const Cell& cell) { stack_[waiting_++] = cell; }
 
-    // The largest cut, at most the present one, at which all cells that wait can be
-    // dropped.
+    // Find the largest cut, at most the present one, at which all cells that wait can
+    // be dropped; returns it.
     double prove_rest();
 
+    // The edge of a cell whose ends are rotations farthest apart.
     int longest_edge(const Cell& cell);
 
     Vertices vertices;

@@ -29,11 +29,12 @@ constexpr Index MAX_ROUNDS = 10000;
 // Share of an atom's square outside the span of the others.
 constexpr double DEPENDENT = 1e-12;
 
-// min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of
-// the range.
+// Write the sparse code of each shape of the range,
 //
-// The next atom is the one that a coordinate descent step would move the shape by most
-// with.
+//     argmin_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0.
+//
+// The next atom is the one with which a step of coordinate descent would move the shape
+// most.
 void code(const CodingData& data, Range range) {
     const Index k = data.gram.size[0];
     Workspace workspace;
@@ -65,6 +66,7 @@ void code(const CodingData& data, Range range) {
 
 const Exported<code> code_exported{"code"};
 
+// Positive definite matrices to be factorised.
 struct FactorData {
     Arguments& from;
     // M = L L^T, L^-1 in its place

@@ -53,7 +53,8 @@ void NormalEquations::step(double damping, const Unknowns& at, Unknowns& next) {
     for (int a = 0; a < 3; ++a) next.t[a] = at.t[a] + pose[3 + a];
 }
 
-// The root of the weight that the robust loss gives each landmark, and 1 / its depth.
+// Set the root of the weight that the robust loss gives each landmark, and 1 / its
+// depth.
 void NormalEquations::find_depths_and_weights(const Observations& observations,
                                               const Position& here, double softness) {
     const double inverse = 1 / square(softness);
@@ -66,7 +67,8 @@ void NormalEquations::find_depths_and_weights(const Observations& observations,
     }
 }
 
-// Row a of landmark j: (omega, tau, r, -, c).
+// Set the row of J for coordinate a of landmark j, in the columns (omega, tau, r, -,
+// c).
 void NormalEquations::fill_row(const Observations& observations, const Position& here,
                                Index j, int a, double* __restrict row) const {
     const double root_of_weight = root_of_weight_[j];
@@ -91,8 +93,8 @@ void NormalEquations::fill_row(const Observations& observations, const Position&
             u[0] * atoms[i] + u[1] * atoms[filled + i] + u[2] * atoms[2 * filled + i];
 }
 
-// H from the diagonal on, in blocks of 8 x WIDTH that are summed in registers: as many
-// sums as hide the latency of one.
+// Set H = J^T J over so many rows, from the diagonal on, in blocks of 8 x WIDTH that
+// are summed in registers: as many sums as hide the latency of one.
 void NormalEquations::sum_squares(Index rows) {
     for (Index i = 0; i < width_; i += 8)
         for (Index j = i; j < width_; j += WIDTH) {
@@ -106,7 +108,7 @@ void NormalEquations::sum_squares(Index rows) {
         }
 }
 
-// L, C and g, row after row.
+// Set L, C and g of the header's equations, row after row.
 void NormalEquations::eliminate_pose(double damping) {
     const Index filled = shapes_.filled;
     for (int e = 0; e < POSE; ++e) {
@@ -129,7 +131,7 @@ void NormalEquations::eliminate_pose(double damping) {
     }
 }
 
-// The matrix Q of the quadratic program in c, the pose eliminated.
+// Set the matrix Q of the quadratic program in c, the pose eliminated.
 void NormalEquations::find_matrix(double damping) {
     const Index filled = shapes_.filled;
     const double* C[POSE];
@@ -148,7 +150,7 @@ void NormalEquations::find_matrix(double damping) {
     }
 }
 
-// The linear term h of the quadratic program in c, the pose eliminated.
+// Set the linear term h of the quadratic program in c, the pose eliminated.
 void NormalEquations::find_linear_term(const double* c) {
     const Index filled = shapes_.filled;
     for (Index i = 0; i < filled; ++i) {
@@ -158,7 +160,7 @@ void NormalEquations::find_linear_term(const double* c) {
     }
 }
 
-// Overwrite x, feasible, with the solution of the quadratic program.
+// Overwrite a feasible x (k',) by the solution of the quadratic program in c.
 void NormalEquations::minimise_coefficients(double* x) {
     const Index filled = shapes_.filled;
     double largest = 0;
@@ -173,7 +175,7 @@ void NormalEquations::minimise_coefficients(double* x) {
     set_.write({x, {filled}});
 }
 
-// d_p from below.
+// pose (6,) = d_p, by back substitution in L^T d_p = g - C d_c.
 void NormalEquations::substitute_pose(double* pose) const {
     for (int e = POSE - 1; e >= 0; --e) {
         double value = g_[e] - dot(C_[e].data, change_, shapes_.filled);

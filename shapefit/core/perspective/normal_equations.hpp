@@ -25,15 +25,16 @@ namespace shapefit {
 // omega and tau.
 constexpr int POSE = 6;
 
+// H at a position, and the damped step that follows from it.
 class NormalEquations {
   public:
     NormalEquations(Workspace& workspace, const Shapes& shapes);
 
-    // H at a position, for the softness s.
+    // Set J, r and H = J^T J at a position, for s = softness.
     void linearise(const Observations& observations, const Position& here,
                    double softness);
 
-    // The step from `at` to `next`.
+    // Set `next` to where the step d leads from `at`.
     void step(double damping, const Unknowns& at, Unknowns& next);
 
   private:

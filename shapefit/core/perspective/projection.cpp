@@ -2,8 +2,6 @@
 
 namespace shapefit {
 
-// Place the visible landmarks of the shape at `here.at` before the camera, and find
-// their residuals, infinite behind it.
 void project(const Shapes& shapes, const Observations& observations, Position& here) {
     const Index p = shapes.p, filled = observations.filled, length = padded(3 * p);
     mix_rows(here.at.c, shapes.k, shapes.rows.data, length, length, here.S);

@@ -1,4 +1,4 @@
-// Shapes before a camera: what it sees of them, and how far that is from the landmarks.
+// Shapes in front of a camera: their projections, and how far these are from landmarks.
 //
 //     X_j = R sum_i c_i B_ij + t
 //     r_j = omega_j (centre + focal X_xy / (sign X_z) - w_j)
@@ -13,6 +13,7 @@
 
 namespace shapefit {
 
+// The refinements of n images: their data, starts and results.
 struct PerspectiveData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // w
@@ -71,7 +72,8 @@ struct Observations {
           omega(workspace.zeros<double>(padded(p))),
           index(workspace.zeros<int64_t>(padded(p))) {}
 
-    void take(const PerspectiveData& data, Index image) {
+    // Copy the visible landmarks, weights and camera of an image.
+    void gather(const PerspectiveData& data, Index image) {
         const Vector<const double> weight = data.weights[image];
         count = 0;
         for (Index j = 0; j < weight.size[0]; ++j)
@@ -95,6 +97,7 @@ struct Observations {
     int64_t* index;        // (filled,)
 };
 
+// The pose and the coefficients of an image.
 struct Unknowns {
     Rotation R;
     double t[3];
@@ -118,10 +121,11 @@ struct Position {
     bool in_front = false;  // all are
 };
 
-// S, X and r of the unknowns of a position.
+// Set S, X and r of a position from its unknowns; r is infinite behind the camera.
 void project(const Shapes& shapes, const Observations& observations, Position& here);
 
-// F; infinite unless all landmarks are in front.
+// F at a position for s = softness; infinite unless all landmarks are before the
+// camera.
 double evaluate(const Shapes& shapes, const Observations& observations,
                 const Position& here, double softness);
 

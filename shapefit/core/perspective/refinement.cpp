@@ -14,12 +14,14 @@ constexpr double MIN_LAST_FALL = 1e-10;
 // And the softer ones before it.
 constexpr double MIN_EARLY_FALL = 1e-2;
 
+// The end of a refinement: F, how many rounds it took, and a Status.
 struct Refined {
     double objective;
     Index rounds;
     int64_t status;
 };
 
+// The refinement of one image after another, with the same atoms.
 class Refinement {
   public:
     Refinement(Workspace& workspace, const PerspectiveData& data)
@@ -33,7 +35,7 @@ class Refinement {
     // value, so that many landmarks pull while the pose is still coarse. DEGENERATE
     // where a landmark begins behind the camera: no step is taken from there.
     void refine(Index image) {
-        observations_.take(data_, image);
+        observations_.gather(data_, image);
         Unknowns& start = here().at;
         start.R = Rotation::from(data_.rotation[image].data);
         for (int a = 0; a < 3; ++a) start.t[a] = data_.translation[image][a];
@@ -51,10 +53,10 @@ class Refinement {
   private:
     // The position that was accepted last.
     Position& here() { return positions_[current_]; }
-    // F there, for a softness s.
+    // F at that position, for a softness s.
     double value(double soft) { return evaluate(shapes_, observations_, here(), soft); }
 
-    // Levenberg-Marquardt steps from the start; see `refine`.
+    // Take Levenberg-Marquardt steps from the start until F hardly falls; see `refine`.
     Refined descend() {
         double soft = larger(1, data_.softness), damping = FIRST_DAMPING;
         project(shapes_, observations_, here());
@@ -74,8 +76,8 @@ class Refinement {
         return {value(data_.softness), data_.max_rounds, Status::ITERATION_LIMIT};
     }
 
-    // Take the first damped step that lowers F; returns by what share it fell, 0 for
-    // none.
+    // Take the first step that lowers F, with more damping after each that does not;
+    // returns the share by which F fell, 0 where no step lowers it.
     double improve(double soft, double& damping, double& F) {
         Position& there = positions_[1 - current_];
         equations_.linearise(observations_, here(), soft);

@@ -15,7 +15,8 @@ struct PoseData {
     Vector<double> size = from("size", "n");  // s
 };
 
-// The best rotation and size of each image over local minima from all its starts.
+// Write the rotation and size s of each image of the range: the best of the local
+// minima from all its starts.
 void find_pose(const PoseData& data, Range range) {
     for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();

@@ -24,7 +24,7 @@ inline void cross(const Number* u, const Number* v, Number* r) {
     r[2] = u[0] * v[1] - u[1] * v[0];
 }
 
-// The cofactors C (3, 3) of a symmetric A (3, 3), A^-1 = C / det A; returns det A.
+// C = the cofactors (3, 3) of a symmetric A (3, 3), A^-1 = C / det A; returns det A.
 inline double find_cofactors(const double* A, double* C) {
     cross(A + 3, A + 6, C);
     cross(A + 6, A, C + 3);
@@ -32,23 +32,26 @@ inline double find_cofactors(const double* A, double* C) {
     return inner3(A, C);
 }
 
-// sin(a) / a and (1 - cos a) / a^2 of an angle, by its square.
-inline void find_turn(double square, double& first, double& second) {
+// first = sin(a) / a and second = (1 - cos a) / a^2, the factors of Rodrigues' formula,
+// of an angle a in radians whose square is given.
+inline void find_factors(double square, double& first, double& second) {
     const double a = root(square), half = 0.5 * a;
     first = a > 1e-6 ? sin(a) / a : 1 - square / 6;
     const double sine = a > 1e-6 ? sin(half) / half : 1.0;
     second = 0.5 * sine * sine;
 }
+// The factors of Rodrigues' formula, lane by lane.
 template <class Lanes>
-inline void find_turn(Lanes square, Lanes& first, Lanes& second) {
+inline void find_factors(Lanes square, Lanes& first, Lanes& second) {
     for (int lane = 0; lane < width<Lanes>; ++lane) {
         double one, two;
-        find_turn(static_cast<double>(square[lane]), one, two);
+        find_factors(static_cast<double>(square[lane]), one, two);
         first[lane] = one;
         second[lane] = two;
     }
 }
 
+// A rotation R (3, 3), its entries row after row.
 template <class Number>
 struct RotationOf {
     Number entry[9];
@@ -56,17 +59,18 @@ struct RotationOf {
     operator Number*() { return entry; }
     operator const Number*() const { return entry; }
 
-    // Of the first rows of R, or all.
+    // A rotation with the first `rows` rows of R (3, 3), the others unset.
     static RotationOf from(const Number* R, int rows = 3) {
         RotationOf same;
         for (int e = 0; e < 3 * rows; ++e) same.entry[e] = R[e];
         return same;
     }
+    // out (3, 3) = R.
     void write(Number* out) const {
         for (int e = 0; e < 9; ++e) out[e] = entry[e];
     }
 
-    // The third row from the first two.
+    // Set the third row to the cross product of the first two.
     void complete() { cross(entry, entry + 3, entry + 6); }
 
     // Orthonormalise the first two rows by Gram-Schmidt; their cross product is the
@@ -83,11 +87,11 @@ struct RotationOf {
         complete();
     }
 
-    // exp([omega]_x) R (Rodrigues): each column r goes to r + sin(a)/a omega x r
-    // + (1 - cos a)/a^2 omega x (omega x r), a = |omega|.
+    // exp([omega]_x) R by Rodrigues' formula: each column r becomes r + sin(a)/a omega
+    // x r + (1 - cos a)/a^2 omega x (omega x r), a = |omega| in radians.
     RotationOf turned(const Number* omega) const {
         Number first, second;
-        find_turn(inner3(omega, omega), first, second);
+        find_factors(inner3(omega, omega), first, second);
         RotationOf turned;
         for (int c = 0; c < 3; ++c) {
             const Number r[3] = {entry[c], entry[3 + c], entry[6 + c]};

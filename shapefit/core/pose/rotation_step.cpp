@@ -15,6 +15,8 @@ constexpr double ROUNDING = 1e3 * 0x1p-52;
 constexpr double STATIONARY = 1e-11;
 constexpr int MAX_STEPS = 200;
 
+// The quadratic model of the squared residual f by a turn of the camera frame: f,
+// gradient and Hessian.
 struct Model {
     SquaredResidual residual;
     double g[3], H[9];
@@ -35,7 +37,8 @@ struct InCamera {
     double X[3][3], E[2][3];
 };
 
-// The residual at R with its best size, gradient and Hessian by a turn of R.
+// The quadratic model of the squared residual f around R: f, gradient and Hessian, at
+// the best scale s where that is free.
 Model model_at(const ShapeMoments& moments, const Rotation& R) {
     const InCamera at(moments, R);
     const auto& X = at.X;
@@ -67,6 +70,7 @@ Model model_at(const ShapeMoments& moments, const Rotation& R) {
     return model;
 }
 
+// A step of the trust region, a turn in radians.
 struct Step {
     double turn[3];
     double fall;   // of the model
@@ -74,7 +78,7 @@ struct Step {
 };
 
 // turn = -(H + shift I)^-1 g; false where the matrix is not positive definite, or the
-// turn longer than the region.
+// turn is longer than the radius.
 bool solve_shifted(const Model& model, double shift, double radius, double* turn) {
     double A[9], C[9];
     for (int e = 0; e < 9; ++e) A[e] = model.H[e] + (e % 4 == 0 ? shift : 0);
@@ -84,8 +88,11 @@ bool solve_shifted(const Model& model, double shift, double radius, double* turn
     return inner3(turn, turn) <= square(radius);
 }
 
-// The shift is 0, or the first of those that double which is large enough; from |g| /
-// radius - min eigenvalue on each is. No step where the numbers are not finite.
+// The step -(H + shift I)^-1 g, no longer than the radius, and the fall of f that the
+// model promises. The shift is 0 where that step is defined and short enough. Else it
+// doubles from |g| / (2 radius) on until the step is both, as it always is from
+// |g| / radius - (least eigenvalue of H) on. Where the numbers are not finite, the fall
+// is not either.
 Step find_step(const Model& model, double radius) {
     Step step{};
     const double first = root(inner3(model.g, model.g)) / (2 * radius);
@@ -101,8 +108,8 @@ Step find_step(const Model& model, double radius) {
 
 }  // namespace
 
-// As one function: its parts are short, and hand each other a few numbers through
-// memory else.
+// Compiled as one function: its parts are short, and would pass a few numbers to each
+// other through memory.
 [[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments,
                                                Rotation& R) {
     const double *P = moments.P, *D = moments.D;

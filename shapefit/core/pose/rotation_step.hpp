@@ -32,13 +32,14 @@ struct ShapeMoments {
     bool free_scale;
 };
 
-// f at a rotation, and s.
+// The squared residual f at a rotation, less the constant 1/2 ||w||^2, and the scale s.
 struct SquaredResidual {
     double value;
     double scale;
 };
 
-// Take R, proper, to a local minimum.
+// Move R, a proper rotation, to a local minimum of the squared residual f of a shape;
+// returns f and the scale s there.
 SquaredResidual rotation_step(const ShapeMoments& moments, Rotation& R);
 
 }  // namespace shapefit

@@ -58,12 +58,13 @@ bool is_near(const double* R, const double* other, double most) {
     return change <= most;
 }
 
-// Iterate from R to a local maximum of sum_i max(0, <M_i, Rbar>)^2, blocks M (k, 2, 3);
-// returns it. What comes near the maximum at `known` stops there, with the value 0.
+// Move R to a local maximum of sum_i max(0, <M_i, Rbar>)^2, blocks M (k, 2, 3); returns
+// the maximum, or 0 as soon as R comes near the rotation `known`, a maximum found
+// before.
 //
 // The sum is convex in Rbar, so that the maximiser of its linearisation, the polar
 // factor of sum_i max(0, <M_i, Rbar>) M_i, never lowers it.
-double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
+double ascend(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     double value = 0;
     for (int round = 0; round < MAX_ROUNDS; ++round) {
         double total[6] = {};
@@ -83,8 +84,9 @@ double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     return value;
 }
 
-// Ascent from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes
-// to R.
+// Set R to the best of the local maxima of sum_i max(0, <M_i, Rbar>)^2 from several
+// starts: the sum of all blocks M (k, 2, 3), and the largest of them. norms (k,) is
+// scratch memory.
 void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) {
     double start[6] = {};
     Rotation trial;
@@ -104,7 +106,7 @@ void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) 
             for (int e = 0; e < 6; ++e) start[e] = blocks[longest].data[e];
         }
         if (!polar_rotation(start, trial)) continue;
-        const double value = ascent(blocks, best < 0 ? nullptr : &R, trial);
+        const double value = ascend(blocks, best < 0 ? nullptr : &R, trial);
         if (value > best) {
             best = value;
             R = trial;
@@ -112,8 +114,9 @@ void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) 
     }
 }
 
-// A = sqrt(trace) u v^T: any unit vector orthogonal to v serves for the second
-// direction.
+// Set the first two rows of R to a polar factor of A (2, 3) of rank one, with A A^T =
+// [[xx, xy], [xy, yy]]: A = sqrt(trace) u v^T, and any unit vector orthogonal to v
+// serves for the second direction.
 void polar_of_rank_one(const double* A, double xx, double yy, double xy, Rotation& R) {
     const double trace = xx + yy;
     const double u0 = root(xx / trace), u1 = copysign(root(yy / trace), xy);
@@ -131,7 +134,7 @@ void polar_of_rank_one(const double* A, double xx, double yy, double xy, Rotatio
     }
 }
 
-// Sum of squares and product of the singular values of M (2, 3), see convex/blocks.hpp.
+// s1^2 + s2^2, s1 s2 and s1^2 - s2^2 of the singular values of M (2, 3).
 Invariants<double> invariants_of(const double* M) {
     return invariants<double>({M[0], M[1], M[2], M[3], M[4], M[5]});
 }
@@ -144,14 +147,14 @@ Rotation scaled_rotation(const double* M, double c) {
     return cR;
 }
 
-// ||M M^T / c^2 - I||_F.
+// ||M M^T / c^2 - I||_F of M (2, 3).
 double skewness(const double* M, double c) {
     const double xx = inner3(M, M) / (c * c), yy = inner3(M + 3, M + 3) / (c * c);
     return root(square(xx - 1) + square(yy - 1) +
                 2 * square(inner3(M, M + 3) / (c * c)));
 }
 
-// S += c R B.
+// S += c R B for an atom B (3, p), cR (3, 3).
 void add_shape(const double* cR, Matrix<const double> B, Matrix<double> S) {
     const Index p = S.size[1];
     for (int a = 0; a < 3; ++a) {
@@ -162,7 +165,7 @@ void add_shape(const double* cR, Matrix<const double> B, Matrix<double> S) {
     }
 }
 
-// The shape, coefficients and rotation that the transforms of an image stand for.
+// Write the shape, coefficients and rotation that the transforms of an image give.
 void reconstruct_image(const ReconstructionData& data, Index image) {
     const ImageTransforms M = data.transforms[image];
     double* sizes = data.sizes.data + data.transforms.first[image];
@@ -223,8 +226,9 @@ Rotation nearest_rotation(const double* a) {
     return rotation_of(V + 12);
 }
 
-// One rotation shared by all transforms of an image, by a monotone fixed-point
-// iteration: argmax sum_i max(0, <M_i, Rbar>)^2 over orthonormal rows.
+// Write the one rotation that best fits all transforms of each image of the range, by a
+// monotone fixed-point iteration: argmax sum_i max(0, <M_i, Rbar>)^2 over orthonormal
+// rows.
 void synchronise(const SynchronisationData& data, Range range) {
     Workspace workspace;
     Index most = 0;
@@ -240,7 +244,8 @@ void synchronise(const SynchronisationData& data, Range range) {
     }
 }
 
-// R_i completes M_i / c_i by the cross product of its rows.
+// Write the shape S = sum_i c_i R_i B_i of each image of the range, and its parts. R_i
+// completes M_i / c_i by the cross product of its rows.
 void reconstruct(const ReconstructionData& data, Range range) {
     for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();

@@ -9,15 +9,15 @@
 
 namespace shapefit {
 
-// argmin ||R - A||_F over proper rotations; A (3, 3).
+// The rotation nearest to A (3, 3), argmin ||R - A||_F over proper rotations.
 //
 // Of the unit quaternions q the one that maximises <A, R(q)> = q^T N q, with N linear
 // in A: the eigenvector of the largest eigenvalue (Horn, 1987).
 Rotation nearest_rotation(const double* A);
 
-// R with first rows (A A^T)^(-1/2) A, the polar factor of A (2, 3), completed.
-// One of the nearest pairs of orthonormal rows where A has rank one; false, and R is
-// left as it is, where A is 0.
+// Set R to the rotation whose first two rows are the polar factor (A A^T)^(-1/2) A of A
+// (2, 3); one of the nearest pairs of orthonormal rows where A has rank one. False, and
+// R is left as it is, where A is 0.
 bool polar_rotation(const double* A, Rotation& R);
 
 }  // namespace shapefit

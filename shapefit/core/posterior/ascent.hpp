@@ -29,7 +29,7 @@ constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 // taken, and has the lane converged. The gain is half the square of Newton's decrement.
 constexpr double MAX_LAST_LENGTH = 0.1, MAX_LAST_GAIN = 1e-2;
 
-// Where the lanes of a block stand.
+// The state of the ascents of a block, one a lane.
 template <class Lanes>
 struct Ascent {
     LaneView<Lanes> view;
@@ -46,8 +46,8 @@ struct Ascent {
     Lanes *inlier_probability, *next;  // (p,), of which the first m count
 };
 
-// set(entry of one, that of the other) for each vector of two ascents, or of what they
-// found.
+// Call set(a, b) for each pair of vectors at the same place of two likelihoods, to copy
+// lanes of one into the other.
 template <class One, class Other, class Set>
 [[gnu::always_inline]] inline void each_pair(Likelihood<One>& one,
                                              const Likelihood<Other>& other,
@@ -57,7 +57,8 @@ template <class One, class Other, class Set>
     for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
     set(one.squared_mahalanobis, other.squared_mahalanobis);
 }
-// Call set(a, b) for each number of two ascents, to copy lanes of one into the other.
+// Call set(a, b) for each pair of vectors at the same place of two ascents of p
+// landmarks, to copy lanes of one into the other.
 template <class One, class Other, class Set>
 void each_pair(Ascent<One>& one, const Ascent<Other>& other, Index p, const Set& set) {
     for (int e = 0; e < 9; ++e) set(one.view.R[e], other.view.R[e]);
@@ -74,6 +75,7 @@ void each_pair(Ascent<One>& one, const Ascent<Other>& other, Index p, const Set&
     }
 }
 
+// Memory for the ascents of a block: a trial step, and the likelihood there.
 template <class Lanes>
 struct AscentSpace {
     AscentSpace(Workspace& workspace, Index p)
@@ -98,7 +100,7 @@ Lanes indicate(Lanes value) {
     return value > 0.0 ? all<Lanes>(1.0) : Lanes{};
 }
 
-// x = A^-1 b, A (4, 4) made positive definite by small pivots lifted.
+// x = A^-1 b over theta, A (4, 4) made positive definite by raising small pivots.
 template <class Lanes>
 void solve_view(const Lanes* A, const Lanes* b, Lanes* x) {
     static_assert(VIEW == TILE);
@@ -111,13 +113,15 @@ void solve_view(const Lanes* A, const Lanes* b, Lanes* x) {
     multiply_transposed<1>(VIEW, factor, white, x);
 }
 
-// R <- exp([theta]_x) R, s <- exp(theta_4) s.
+// Set `to` to the view `from` moved by theta: R <- exp([theta_1..3]_x) R, s <-
+// exp(theta_4) s.
 template <class Lanes>
 void move(const LaneView<Lanes>& from, const Lanes* theta, LaneView<Lanes>& to) {
     to = {from.R.turned(theta), from.log_scale + theta[3]};
 }
 
-// B <- B + y y^T / <y, s> - B s s^T B / <s, B s> where <y, s> > 0.
+// Update the curvature B after a step s that changed the gradient by y (BFGS): B <- B +
+// y y^T / <y, s> - B s s^T B / <s, B s>, in lanes where <y, s> is clearly positive.
 template <class Lanes>
 void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
     Lanes Bs[VIEW], overlap = {}, square = {};
@@ -135,14 +139,15 @@ void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
             B[VIEW * i + j] += y[i] * y[j] * up - Bs[i] * Bs[j] * down;
 }
 
-// to <- from in the lanes that accept it.
+// to <- from in the lanes where `accepted` is 1.
 template <class Lanes>
-void take(Lanes accepted, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
+void copy_accepted(Lanes accepted, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
     for (int e = 0; e < 9; ++e) to.R[e] = select(accepted, from.R[e], to.R[e]);
     to.log_scale = select(accepted, from.log_scale, to.log_scale);
 }
 
-// The damped step, and what it promises to gain.
+// Set step (4,) to the damped Newton step of each lane that moves, else 0; returns the
+// gain in log likelihood that it promises.
 template <class Lanes>
 Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     Lanes A[VIEW * VIEW], down[VIEW], slope = {}, length = {};
@@ -160,7 +165,8 @@ Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     return 0.5 * slope;
 }
 
-// Newton's step where it is small, after which the gradient is 0; returns its gain.
+// Move by Newton's step where it is small; lanes where it is not stay `moving`. Returns
+// the gain in log likelihood that it promises.
 template <class Lanes>
 Lanes take_last_step(Ascent<Lanes>& at) {
     Lanes down[VIEW], step[VIEW], gain = {}, length = {};
@@ -179,8 +185,9 @@ Lanes take_last_step(Ascent<Lanes>& at) {
     return select(small, gain, Lanes{});
 }
 
-// Evaluate the lanes at the views where they start; inlier probabilities come from the
-// other landmarks.
+// Evaluate the likelihood at the views where the ascents start, with the inlier
+// probability of each landmark by the others, and set damping and the rest of their
+// state.
 template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
@@ -199,13 +206,12 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
     at.predicted_gain = propose(at, step);
 }
 
-// Take at most `rounds` steps of Newton's kind, whose curvature is Gauss and Newton's,
-// mended by what the gradient does (Broyden, Fletcher, Goldfarb, Shanno); damped where
-// they would lead downhill. A lane that stands still has arrived. Where every landmark
+// Take at most `rounds` damped steps of each ascent, with the Gauss-Newton curvature,
+// updated by BFGS. Lanes that have converged are `moving` no more. Where every landmark
 // is an outlier the likelihood grows with the scale for ever: there steps end at
 // `largest`.
 template <class Lanes>
-void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index rounds,
+void ascend(const PosteriorData& data, const Observed<Lanes>& observed, Index rounds,
             AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const Index m = observed.m;
     const Lanes enough = all<Lanes>(data.tolerance);
@@ -229,7 +235,7 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index ro
         update_curvature(mended, step, change);
         for (int e = 0; e < VIEW * VIEW; ++e)
             at.curvature[e] = select(accepted, mended[e], at.curvature[e]);
-        take(accepted, at.view, space.view);
+        copy_accepted(accepted, at.view, space.view);
         each_pair(at.found, space.found,
                   [&](Lanes& old, Lanes found) { old = select(accepted, found, old); });
         for (Index j = 0; j < m; ++j) {
@@ -248,11 +254,11 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index ro
     }
 }
 
-// The likelihood where an ascent ends, after one more step, and the next inlier
-// probabilities.
+// Take one more Newton step where an ascent has ended, with the next inlier
+// probabilities, and evaluate the likelihood there.
 template <class Lanes>
-void settle(const PosteriorData& data, const Observed<Lanes>& observed,
-            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
+void evaluate_end(const PosteriorData& data, const Observed<Lanes>& observed,
+                  AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     for (int again = 1; again >= 0; --again) {
         find_likelihood(data, observed, at.view, at.inlier_probability, false,
@@ -263,8 +269,8 @@ void settle(const PosteriorData& data, const Observed<Lanes>& observed,
     }
 }
 
-// The Hessian where an ascent has ended, by differences of gradients, inlier
-// probabilities held.
+// Set the curvature to the Hessian where an ascent has ended, by differences of
+// gradients, with the inlier probabilities fixed.
 template <class Lanes>
 void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed,
                   AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
@@ -280,8 +286,8 @@ void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed,
     }
 }
 
-// Take Newton's last step. A lane is still moving where it is not small: it stands on
-// no stationary point.
+// Make the Hessian symmetric and take Newton's last step with it. A lane is still
+// `moving` where that is not small: it has reached no stationary point.
 template <class Lanes>
 void finish(Ascent<Lanes>& at) {
     Lanes* H = at.curvature;

@@ -17,6 +17,7 @@
 
 namespace shapefit {
 
+// Mean and covariance of the mode of each lane, and what they are made of.
 struct Description {
     Description(Workspace& workspace, Index p)
         : p(p),
@@ -54,7 +55,7 @@ inline Doubles dot(const Doubles* a, const Doubles* b, Index n) {
     return total;
 }
 
-// out = G_i x, the turn about axis i.
+// out = G_i x for a vector x (3,), i = axis: the derivative of a turn about it.
 inline void turn_about(int axis, const Doubles* x, Doubles* out) {
     const int b = (axis + 1) % 3, c = (axis + 2) % 3;
     out[axis] = Doubles{};
@@ -62,10 +63,11 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
     out[c] = x[b];
 }
 
-// Write the columns of K of landmark j, which is seen, at landmark k, and add its term
-// - R C R^T G_i P^T alpha to J there; Q (3, 3) is the block (k, j) of R C R^T.
-inline void relate(const Observed<Doubles>& observed, Index k, Index j,
-                   const Doubles* Q, const Doubles* alpha, Index n, Description& to) {
+// Write the entries of K^T for the visible landmark j at landmark k, and add the term
+// - R C R^T G_i P^T alpha of j to J there; Q (3, 3) is the block (k, j) of R C R^T.
+inline void add_block(const Observed<Doubles>& observed, Index k, Index j,
+                      const Doubles* Q, const Doubles* alpha, Index n,
+                      Description& to) {
     const Index e = 2 * to.place[j];
     const Doubles* slope = observed.slope + e;
     const Doubles raised[3] = {alpha[e], alpha[e + 1],
@@ -81,9 +83,9 @@ inline void relate(const Observed<Doubles>& observed, Index k, Index j,
     }
 }
 
-// Turn the component of each lane into the camera frame of its view: the mean is R mu,
-// C is R C R^T, and K follows from it and alpha (n,); J begins with the terms
-// - R C R^T G_i P^T alpha of the turns, and `place` is filled.
+// Rotate the component of each lane into the camera frame of its view: set the mean to
+// R mu, C to R C R^T, K^T, J to the terms - R C R^T G_i P^T alpha of the turns, and
+// `place`.
 inline void turn_components(const PosteriorData& data,
                             const LaneWorkspace<Doubles>& lanes,
                             const LaneView<Doubles>& view, const Doubles* alpha,
@@ -116,9 +118,9 @@ inline void turn_components(const PosteriorData& data,
                     to.C[(3 * k + a) * to.d + 3 * j + b] =
                         to.C[(3 * j + b) * to.d + 3 * k + a] = entry;
                 }
-            if (to.place[j] >= 0) relate(observed, k, j, Q, alpha, n, to);
+            if (to.place[j] >= 0) add_block(observed, k, j, Q, alpha, n, to);
             if (to.place[k] >= 0 && j != k)
-                relate(observed, j, k, transposed, alpha, n, to);
+                add_block(observed, j, k, transposed, alpha, n, to);
         }
     for (Index j = 0; j < to.p; ++j) {
         Doubles mu[3];
@@ -177,8 +179,8 @@ inline void differentiate_points(const Observed<Doubles>& observed, const Double
     }
 }
 
-// Subtract from each column of x (3 p, count) the mean of its depths, the rows 3 j + 2,
-// from these; rows begin `stride` numbers apart.
+// Subtract from the depths of each column of x (3 p, count), its rows 3 j + 2, their
+// mean; rows begin `stride` numbers apart.
 inline void centre_depth(Doubles* x, Index p, Index stride, Index count) {
     for (Index i = 0; i < count; ++i) {
         Doubles mean = {};
@@ -188,8 +190,8 @@ inline void centre_depth(Doubles* x, Index p, Index stride, Index count) {
     }
 }
 
-// C <- cov y (3 p, 3 p) from its terms; the whole or only the blocks (3, 3) of each
-// landmark.
+// Turn C from R C R^T into cov y (3 p, 3 p), size = s^2: the whole of it, or only the
+// blocks (3, 3) of each landmark.
 inline void add_terms(const Translation<Doubles>& t, Doubles size, Index n, bool whole,
                       Description& to) {
     const auto add = [&](Index e, Index f, Doubles less) {
@@ -214,9 +216,9 @@ inline void add_terms(const Translation<Doubles>& t, Doubles size, Index n, bool
         }
 }
 
-// Mean and covariance of all landmarks at the view of each lane. q (m,): the inlier
-// probabilities; root_of (4, 4): W with W^T W = (H + I)^-1; `whole`: not only the
-// blocks (3, 3) of each landmark.
+// Set `to` to mean and covariance of all landmarks at the view of each lane. q (m,):
+// the inlier probabilities; root_of (4, 4): W with W^T W = (H + I)^-1; `whole`: not
+// only the blocks (3, 3) of each landmark.
 inline void describe(const PosteriorData& data, const LaneWorkspace<Doubles>& lanes,
                      const LaneView<Doubles>& view, const Doubles* q,
                      const Doubles* root_of, bool whole, Description& to) {

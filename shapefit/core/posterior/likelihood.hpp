@@ -82,8 +82,8 @@ struct PosteriorData {
     Tensor<double> mode_inlier_probability = from("mode_inlier_probability", "n M p?");
 };
 
-// What of the likelihood at a view: the next inlier probabilities alone, or the
-// gradient too, or all.
+// What is found of the likelihood at a view: the next inlier probabilities alone, or
+// the gradient too, or the curvature too.
 enum class Wanted { INLIERS, GRADIENT, CURVATURE };
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
@@ -93,12 +93,13 @@ constexpr double TAU_SQUARE = 900;
 // Curvature that a prior adds to that of the view, in any direction: none is less
 // certain than a radian.
 constexpr double CURVATURE_OF_PRIOR = 1;
-// So that D^-1 is not lost to rounding beside what N / q takes from it, see `predict`.
+// So that D^-1 is not lost to rounding beside what N / q takes from it, see
+// `predict_density`.
 template <class Lanes>
 constexpr double MIN_INLIER_PROBABILITY =
     sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
-// Where row i of a lower triangle begins.
+// Where row i of a lower triangle begins, i (i + 1) / 2.
 inline Index corner(Index i) { return i * (i + 1) / 2; }
 
 // What the lanes of a block stand for: the same m landmarks seen, of an image each, and
@@ -122,12 +123,14 @@ struct Observed {
     Lanes* covariance;             // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
 };
 
+// A view, rotation and log s, in each lane.
 template <class Lanes>
 struct LaneView {
     RotationOf<Lanes> R;
     Lanes log_scale;
 };
 
+// The log likelihood at a view and its derivatives over theta.
 template <class Lanes>
 struct Likelihood {
     Lanes value;
@@ -179,8 +182,8 @@ template <class Lanes>
             observed.residual_variance[j] + V[2] * shrunk};
 }
 
-// A, y and the residuals y - A mu at a view, and the columns by which a translation
-// changes y.
+// Set A, y and the residuals r = y - A mu at a view, and the two columns by which a
+// translation changes y; `shrunk` is 1 / s.
 template <class Lanes>
 void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
             const LikelihoodSpace<Lanes>& space) {
@@ -203,8 +206,8 @@ void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes 
     }
 }
 
-// S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen
-// of k.
+// Fill the lower triangle of S_0, and the covariances F_jk = z^T R C_jk A_k^T of the
+// depth of landmark j with the projection of landmark k; `shrunk` is 1 / s^2.
 template <class Lanes>
 void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& view,
                      Lanes shrunk, const Lanes* inlier_probability,
@@ -261,7 +264,8 @@ struct Translation {
     Lanes square, log_det;  // <r, S^-1 r> and log det S, less those of S_0
 };
 
-// alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
+// Find alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G, by L^-1 in space.L; returns the
+// translation.
 template <class Lanes>
 Translation<Lanes> solve(Index n, const LikelihoodSpace<Lanes>& space) {
     multiply<3>(n, space.L, space.r, space.white);
@@ -294,11 +298,12 @@ Translation<Lanes> solve(Index n, const LikelihoodSpace<Lanes>& space) {
     return t;
 }
 
-// X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
+// Find the expected points X = R mu + R C A^T alpha of the visible landmarks: in depth
+// by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk,
-                    const Lanes* inlier_probability, const Translation<Lanes>& t,
-                    const LikelihoodSpace<Lanes>& space) {
+void find_expected_points(const Observed<Lanes>& observed, Lanes shrunk,
+                          const Lanes* inlier_probability, const Translation<Lanes>& t,
+                          const LikelihoodSpace<Lanes>& space) {
     const Index N = 2 * observed.m, n = tiled(N);
     for (Index j = 0; j < observed.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j,
@@ -316,10 +321,11 @@ void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk,
     }
 }
 
-// The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
+// Find the blocks S^-1_jj (2, 2) on the diagonal of S^-1 and, unless they are wanted
+// `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
 template <class Lanes>
-void pull_back(const Observed<Lanes>& observed, bool alone,
-               const LikelihoodSpace<Lanes>& space) {
+void find_inverse_blocks(const Observed<Lanes>& observed, bool alone,
+                         const LikelihoodSpace<Lanes>& space) {
     const Index N = 2 * observed.m, n = tiled(N);
     for (Index e = 0; e < n; ++e) space.D[e] = Lanes{};
     for (Index j = 0; j < n; j += TILE)
@@ -359,13 +365,13 @@ void pull_back(const Observed<Lanes>& observed, bool alone,
     }
 }
 
-// Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2),
-// the rows of sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j
-// S^-1_jj - (B G)_j.
+// Add the derivatives of 1/2 log det S in turns of the camera frame to `gradient`: for
+// a turn G sum_j tr(P_j G V_j), where V_j (3, 2), the rows of sum_k R C_jk A_k^T
+// S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
 template <class Lanes>
-void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk,
-                      const Lanes* inlier_probability,
-                      const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
+void add_determinant_gradient(const Observed<Lanes>& observed, Lanes shrunk,
+                              const Lanes* inlier_probability,
+                              const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
     const Index n = tiled(2 * observed.m);
     for (Index j = 0; j < observed.m; ++j) {
@@ -388,7 +394,7 @@ void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk,
     }
 }
 
-// The derivatives of r: -P_j G_i X for the turns, -y for log s.
+// Set J to the derivatives of r over theta: -P_j G_i X for the turns, -y for log s.
 template <class Lanes>
 void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& space) {
     const Index n = tiled(2 * observed.m);
@@ -407,7 +413,8 @@ void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& sp
     }
 }
 
-// The gradient of the log likelihood over theta and, where `curved`, its curvature.
+// Find the gradient of the negative log likelihood over theta and, where `curved`, its
+// Gauss-Newton curvature.
 template <class Lanes>
 void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
                    const Lanes* inlier_probability, const Translation<Lanes>& t,
@@ -420,7 +427,8 @@ void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
         for (Index e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
         found.gradient[i] = total;
     }
-    turn_determinant(observed, shrunk, inlier_probability, space, found.gradient);
+    add_determinant_gradient(observed, shrunk, inlier_probability, space,
+                             found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
     for (Index j = 0; j < observed.m; ++j) {
         const Lanes *V = observed.noise + 3 * j, *alpha = space.alpha + 2 * j,
@@ -454,10 +462,12 @@ void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
         }
 }
 
-// log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a =
-// alpha_j it is off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
+// The log density of a landmark as the other landmarks predict it, log N(r; 0, P): with
+// D = S^-1_jj and a = alpha_j it is off by r = D^-1 a, with the covariance P = D^-1 - N
+// / q
+// + N.
 template <class Lanes>
-Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
+Lanes predict_density(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
     const Lanes scale = 1.0 / (D[0] * D[2] - D[1] * D[1]);
     const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale,
                 ry = (D[0] * a[1] - D[1] * a[0]) * scale;
@@ -470,8 +480,9 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Find the next inlier probabilities q_j = 1 / (1 + exp(-log odds)), and add the terms
-// of the present ones to the value and to the gradient over log s.
+// Find the next inlier probabilities q_j = 1 / (1 + exp(-log odds)), from the other
+// landmarks alone where `by_others`; add the terms of the present ones to the gradient
+// over log s and, where `valued`, to the value.
 template <class Lanes>
 void update_inliers(const PosteriorData& data, const Observed<Lanes>& observed,
                     const LaneView<Lanes>& view, Lanes shrunk,
@@ -497,7 +508,7 @@ void update_inliers(const PosteriorData& data, const Observed<Lanes>& observed,
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
         const Lanes density =
-            by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
+            by_others ? predict_density(N, q, a, D) : -log_size - 0.5 * expected;
         const Lanes odds = log_inlier + density - outlier;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
         next[j] = larger(1.0 / (1.0 + exponential(-steep)),
@@ -509,9 +520,10 @@ void update_inliers(const PosteriorData& data, const Observed<Lanes>& observed,
     }
 }
 
-// `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`,
-// what the other landmarks alone say of each, which an outlier cannot sway. Only what
-// is wanted is found.
+// Find what is wanted of the log likelihood at a view with the inlier probabilities q
+// (m,), and set next (m,) to the next ones of the fixed-point iteration; or, where
+// `by_others`, to those that the other landmarks alone give each, which an outlier
+// cannot sway.
 template <class Lanes>
 void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
                      const LaneView<Lanes>& view, const Lanes* inlier_probability,
@@ -532,9 +544,9 @@ void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
     const bool derived = wanted != Wanted::INLIERS,
                curved = wanted == Wanted::CURVATURE;
-    pull_back(observed, !derived, space);
+    find_inverse_blocks(observed, !derived, space);
     if (derived) {
-        posterior_mean(observed, shrink * shrink, inlier_probability, t, space);
+        find_expected_points(observed, shrink * shrink, inlier_probability, t, space);
         differentiate(observed, shrink * shrink, inlier_probability, t, curved, space,
                       found);
     }

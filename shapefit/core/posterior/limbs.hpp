@@ -22,19 +22,22 @@
 
 namespace shapefit {
 
+// The usual lengths of limbs, by which modes are conditioned.
 class LimbLengths {
   public:
     LimbLengths(Workspace& workspace, const PosteriorData& data);
 
-    bool known() const { return count_ > 0; }
+    // Whether the usual length of any limb is known.
+    bool are_known() const { return count_ > 0; }
 
-    // Condition a mode with the mean y (3 p,) and the covariance C (3 p, 3 p), all x
-    // first, then y, then z: both are overwritten, C below its diagonal and on it.
-    // Returns what the log evidence loses.
+    // Condition a mode on the lengths: its mean y (3 p,) and its covariance C (3 p, 3
+    // p), all x first, then y, then z, are overwritten, C below its diagonal and on it.
+    // Returns by how much the log evidence falls.
     double condition(double* y, double* C);
 
   private:
-    // r, u, J C, J C J^T, G and G (r + J (m - y)) at y.
+    // Set r, u, J C, J C J^T, G and G (r + J (m - y)) at y; returns log det (I + Q J C
+    // J^T).
     double linearise(const double* y, const double* C);
 
     const Index p_, d_, count_;

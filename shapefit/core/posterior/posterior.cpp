@@ -21,6 +21,7 @@ constexpr double NEGLIGIBLE = 6;
 constexpr double LAPLACE = 1;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
+// A mode of the posterior of an image.
 struct Mode {
     Origin origin;
     Index component;
@@ -53,9 +54,9 @@ struct Modes {
     Index count = 0;  // of order
 };
 
-// Set `mode` to the point on which ascent i ended, with its evidence; no direction of
-// its view counts as less than flat.
-void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode) {
+// Set `mode` to the point at which ascent i ended, with its evidence by Laplace's
+// method, where negative eigenvalues of the Hessian count as 0.
+void set_mode(const PosteriorData& data, const Search& search, Index i, Mode& mode) {
     Ascent<Doubles>& at = search.finished[i];
     const Index lane = i % WIDTH;
     double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;  // of H + I
@@ -79,9 +80,10 @@ void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode)
     if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
-// Append to the order the modes of an image, of which the first `count` are all, by
-// their evidence, without what was found before and what is negligible.
-void rank(Modes& all, Index count, Index slot) {
+// Sort the modes of the image at `slot`, among the first `count` of all, by evidence,
+// the largest first, and append them to the order; those that are negligible, or the
+// same as one before, are left out.
+void append_sorted(Modes& all, Index count, Index slot) {
     const Index first = all.count;
     Index *order = all.order + first, found = 0, retained = 0;
     for (Index i = 0; i < count; ++i) {
@@ -134,7 +136,7 @@ struct Mixture {
         if (whole) fill(whole, d * d, value);
     }
 
-    // C_ef += of(e, f) for e >= f where it is wanted.
+    // C_ef += of(e, f) for the entries e >= f that are stored.
     template <class Of>
     void add(const Of& of) {
         for (Index e = 0; !whole && e < d; ++e) squares[e] += of(e, e);
@@ -143,6 +145,7 @@ struct Mixture {
             for (Index f = 0; f <= e; ++f) whole[e * d + f] += of(e, f);
     }
 
+    // Multiply mean and covariances by a factor.
     void multiply(double factor) {
         for (Index e = 0; e < d; ++e) {
             mean[e] *= factor;
@@ -152,7 +155,7 @@ struct Mixture {
         for (Index e = 0; whole && e < d * d; ++e) whole[e] *= factor;
     }
 
-    // Squares become deviations, and covariances of MIXED correlations.
+    // Turn variances into deviations, and the MIXED covariances into correlations.
     void finish() {
         for (Index e = 0; whole && e < d; ++e) {
             squares[e] = whole[e * d + e];
@@ -172,8 +175,8 @@ struct Mixture {
     double *mean, *squares, *mixed, *whole;
 };
 
-// Set all that is stated of an image to nan: no posterior was found.
-void fail(const PosteriorData& data, Index image) {
+// Set all outputs of an image to nan, as no posterior was found.
+void set_failed(const PosteriorData& data, Index image) {
     Mixture(data, image).set_all(NOT_A_NUMBER);
     fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
     fill(data.rotation[image].data, 9, NOT_A_NUMBER);
@@ -182,7 +185,7 @@ void fail(const PosteriorData& data, Index image) {
     data.stationary[image] = false;
 }
 
-// Write a mode of an image as its mode of this rank.
+// Write a mode, with its covariance C(e, f), as that of this rank in its image.
 template <class Covariance>
 void store(const PosteriorData& data, const Group& group, const Mode& mode, Index rank,
            const Covariance& C) {
@@ -201,10 +204,11 @@ void store(const PosteriorData& data, const Group& group, const Mode& mode, Inde
         inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
-// Set the shares of the modes of an image, the last from `first` on, and what is a mean
-// over them.
-void share_out(const PosteriorData& data, const Group& group, const Modes& modes,
-               Index first) {
+// Set the shares of the modes of an image, all from `first` on, and write the outputs
+// that follow from them. The mean and covariance of the mixture, which are summed
+// later, become 0.
+void write_shares(const PosteriorData& data, const Group& group, const Modes& modes,
+                  Index first) {
     const Index image = group.image[modes[first].origin.slot], last = modes.count;
     const double best = modes[first].log_evidence;
     double total = 0;
@@ -228,7 +232,9 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
     data.stationary[image] = modes[first].stationary;
 }
 
-// Describe the modes from `first` on, one a lane; lanes without one stand for the last.
+// Set `description` to mean and covariance of the WIDTH modes from `first` on, one a
+// lane; lanes that are left over repeat the last mode. The covariance is `whole`, or
+// only the block (3, 3) of each landmark.
 void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
                     Index first, bool whole, LaneWorkspace<Doubles>& lanes,
                     Description& description) {
@@ -246,15 +252,16 @@ void describe_modes(const PosteriorData& data, const Group& group, const Modes& 
         for (Index j = 0; j < group.m; ++j)
             lanes.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
-    fetch(data, group, origin, lanes);
+    gather(data, group, origin, lanes);
     describe(data, lanes, view, lanes.space.inlier_probability, root_of, whole,
              description);
 }
 
-// A mixture whose modes weigh exp(lost_least - lost) times their shares: what lengths
-// of limbs leave of the evidence of each, beside that of the mode that loses least.
+// A mixture whose shares are multiplied by exp(least - lost): `lost` is by how much the
+// lengths of limbs lower the log evidence of a mode, `least` the least of these.
 struct Reweighed {
-    // Add a mode, the last one of an image so far, of which `first` is the first.
+    // Add a mode with the covariance C(e, f) to the mixture, after the modes of its
+    // image from `first` on.
     template <class Covariance>
     void add(const Modes& modes, Index first, Index mode, double lost,
              const Covariance& C) {
@@ -288,11 +295,13 @@ struct Reweighed {
     double& least;
 };
 
-// Write the mixtures of the images of a group, by the evidence of their modes, several
-// of them described at once. Modes are stored as they are without lengths of limbs.
-void combine(const PosteriorData& data, const Group& group, const Modes& modes,
-             LaneWorkspace<Doubles>& lanes, Description& description,
-             LimbLengths& limbs, double* covariance) {
+// Write mean and covariance of each image of a group: those of the mixture of its
+// modes. Where lengths of limbs are known, each mode is conditioned on them first, and
+// its share changes; modes that are stored one by one are not conditioned. lanes,
+// description and covariance (3 p, 3 p) are scratch memory.
+void write_mixtures(const PosteriorData& data, const Group& group, const Modes& modes,
+                    LaneWorkspace<Doubles>& lanes, Description& description,
+                    LimbLengths& limbs, double* covariance) {
     const Index d = 3 * data.landmarks.size[2],
                 most_stored = data.mode_component.size[1];
     const auto image_of = [&](Index i) { return group.image[modes[i].origin.slot]; };
@@ -302,7 +311,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         const Index lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
         if (lane == 0) {
-            const bool whole = mixture.whole || most_stored || limbs.known();
+            const bool whole = mixture.whole || most_stored || limbs.are_known();
             describe_modes(data, group, modes, i, whole, lanes, description);
         }
         const auto C = [&](Index e, Index f) {
@@ -312,7 +321,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         for (Index e = 0; e < d; ++e)
             mode.mean[e] = description.mean[description.row[e]][lane];
         if (rank < most_stored) store(data, group, mode, rank, C);
-        if (limbs.known()) {
+        if (limbs.are_known()) {
             for (Index e = 0; e < d; ++e)
                 for (Index f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
             const double lost = limbs.condition(mode.mean, covariance);
@@ -325,7 +334,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
         for (Index e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
         ++rank;
         if (i + 1 < modes.count && image_of(i + 1) == image) continue;
-        if (limbs.known())
+        if (limbs.are_known())
             Reweighed{mixture, least_lost}.finish(data, modes, i + 1 - rank, i, image);
         for (; rank; --rank) {
             const Mode& of = modes[i + 1 - rank];
@@ -338,29 +347,32 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
     }
 }
 
-// Write the posteriors of a group of images, all in double precision where `precise`.
+// Write the posteriors of the images of the group of `search`, all in double precision
+// where `precise`. covariance (3 p, 3 p) is scratch memory, and so are modes and
+// description.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
                 Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
     for (Index i = 0; i < search.finished.count; ++i)
-        weigh(data, search, i, modes.modes[i]);
+        set_mode(data, search, i, modes.modes[i]);
     modes.count = 0;
     for (Index slot = 0; slot < group.count; ++slot) {
         const Index before = modes.count;
-        if (precise || !group.failed[slot]) rank(modes, search.finished.count, slot);
-        if (modes.count > before) share_out(data, group, modes, before);
-        else fail(data, group.image[slot]);
+        if (precise || !group.failed[slot])
+            append_sorted(modes, search.finished.count, slot);
+        if (modes.count > before) write_shares(data, group, modes, before);
+        else set_failed(data, group.image[slot]);
     }
-    combine(data, group, modes, search.double_precision, description, limbs,
-            covariance);
+    write_mixtures(data, group, modes, search.double_precision, description, limbs,
+                   covariance);
 }
 
 }  // namespace
 
-// Ascent from every start under every component; weigh the maxima by their evidence,
-// the view integrated out by Laplace's approximation; mean and covariance of the
-// mixture of those that count.
+// Write the posterior of each image of the range: ascend from every start under every
+// component, weigh the maxima by their evidence, the view integrated out by Laplace's
+// approximation, and take mean and covariance of the mixture of those that count.
 void find_posterior(const PosteriorData& data, Range range) {
     const Index p = data.landmarks.size[2];
     Workspace workspace;
@@ -369,7 +381,7 @@ void find_posterior(const PosteriorData& data, Range range) {
     Description description(workspace, p);
     Modes modes(workspace, group.capacity * ascents_per_image(data), p);
     LimbLengths limbs(workspace, data);
-    double* covariance = workspace.zeros<double>(limbs.known() ? 9 * p * p : 0);
+    double* covariance = workspace.zeros<double>(limbs.are_known() ? 9 * p * p : 0);
     for (Index image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (Index i = 0; i < data.mode_component.size[1]; ++i) {

@@ -22,7 +22,7 @@ constexpr double MAX_GROWTH = 100;  // of the scale, over that of the start
 // An ascent may still gain this many times the predicted gain.
 constexpr double GAIN_FACTOR = 2;
 
-// Starts times components.
+// The number of ascents of an image: starts times components.
 constexpr Index ascents_per_image(const PosteriorData& data) {
     return data.starts.size[1] * data.means.size[0];
 }
@@ -36,14 +36,15 @@ struct Group {
           best(workspace.zeros<double>(capacity)),
           failed(workspace.zeros<bool>(capacity)) {}
 
-    // How many images are lifted together: as many as have MAX_ASCENTS ascents.
+    // The largest number of images in a group: those of MAX_ASCENTS ascents together,
+    // at least 1 and at most IMAGES_PER_BLOCK.
     static Index capacity_of(const PosteriorData& data) {
         const Index images = MAX_ASCENTS / ascents_per_image(data);
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
     // Fill the group with the first image of a range that is not yet `taken` and with
-    // those that see the same landmarks; an empty one where all are taken.
+    // those that have the same visible landmarks; it is empty where all are taken.
     void collect(const PosteriorData& data, Range range, bool* taken) {
         const auto sees = [&](Index i, Index j) {
             return is_finite(data.residual_variance[i][j]);
@@ -63,7 +64,7 @@ struct Group {
             if (sees(image[0], j)) index[m++] = j;
     }
 
-    // Drop the images that have not failed.
+    // Drop the images for which single precision has not failed.
     void retain_failed() {
         const Index before = count;
         count = 0;
@@ -85,6 +86,7 @@ struct Origin {
     Index slot, pair;
 };
 
+// A list of ascents, in blocks of one a lane.
 template <class Lanes>
 struct Ascents {
     Ascents(Workspace& workspace, Index most, Index p)
@@ -98,11 +100,14 @@ struct Ascents {
         }
     }
 
-    // The lanes of block b, those that hold ascent i, and the number of blocks.
+    // The ascents of block b, one a lane.
     Ascent<Lanes>& block(Index b) const { return lanes[b]; }
+    // The block that holds ascent i, in lane i % width.
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
+    // The number of blocks.
     Index blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
-    // Copy ascent i of some ascents, or of these, where i is not before the end.
+    // Append a copy of ascent i of a list, which may be this one; its ascents stay in
+    // memory behind its end.
     template <class Others>
     void append(const Ascents<Others>& from, Index i) {
         const Index to_lane = count % width<Lanes>, lane = i % width<Others>;
@@ -111,7 +116,7 @@ struct Ascents {
         });
         origin[count++] = from.origin[i];
     }
-    // Fill the last block with copies of its ascents, in turns.
+    // Fill the last block with copies of ascents, without counting them.
     void pad() {
         const Index own = count;
         while (count % width<Lanes>) append(*this, count - own % width<Lanes>);
@@ -124,7 +129,7 @@ struct Ascents {
     Ascent<Lanes>* lanes;
 };
 
-// What the lanes of one precision work with.
+// The images and ascents of the lanes of one precision, and their memory.
 template <class Lanes>
 struct LaneWorkspace {
     LaneWorkspace(Workspace& workspace, const PosteriorData& data, Index ascents)
@@ -155,10 +160,11 @@ struct Search {
     Ascents<Doubles> finished;
 };
 
-// Copy the image and the component of each lane of a block, where landmarks are seen.
+// Copy the visible landmarks of the image and of the component of each lane of a block
+// to `lanes.observed`; origin (width,) are those of its ascents.
 template <class Lanes>
-void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
-           LaneWorkspace<Lanes>& lanes) {
+void gather(const PosteriorData& data, const Group& group, const Origin* origin,
+            LaneWorkspace<Lanes>& lanes) {
     Observed<Lanes>& to = lanes.observed;
     const Index p = data.means.size[2], m = group.m, *index = group.index;
     Index image[width<Lanes>];
@@ -204,7 +210,8 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
                     });
 }
 
-// The s that fits s A mu + t to the landmarks best.
+// The scale s at which s A mu + t fits the landmarks of an image best, for a rotation R
+// and component k.
 inline double first_scale(const PosteriorData& data, const Group& group, Index image,
                           const double* R, Index k) {
     const double* mu = data.means[k].data;
@@ -234,7 +241,7 @@ inline double first_scale(const PosteriorData& data, const Group& group, Index i
     return larger(overlap / larger(square, TINY), larger(least, TINY));
 }
 
-// Append an ascent from the start of its origin.
+// Append an ascent that begins at the start of its origin.
 template <class Lanes>
 void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
                 Ascents<Lanes>& ascents) {
@@ -249,8 +256,8 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
     ascents.origin[ascents.count++] = origin;
 }
 
-// Append ascents from every start under every component, where three landmarks are
-// seen; blocks in a row have the same components.
+// Append ascents from every start under every component for all images of a group, if
+// three landmarks are visible; blocks in a row have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
     const Index K = data.means.size[0],
@@ -263,14 +270,14 @@ void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& asce
                     add_ascent(data, group, {slot, pair}, ascents);
 }
 
-// L + log pi_k of ascent i.
+// L + log pi_k of ascent i: its log likelihood, and the log weight of its component.
 template <class Lanes>
 double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, Index i) {
     return ascents[i].found.value[i % width<Lanes>] +
            data.log_weights[ascents.origin[i].pair % data.means.size[0]];
 }
 
-// Raise the best value so far of each image to those of its ascents.
+// Raise the best value so far of each image of the group to those of its ascents.
 template <class Lanes>
 void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& group) {
     for (Index i = 0; i < ascents.count; ++i) {
@@ -280,7 +287,7 @@ void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& 
 }
 
 // Move ascents that have converged to `search.finished`, and drop those that cannot
-// come near the best any more.
+// come within `margin` of the best of their image any more.
 template <class Lanes>
 void remove_finished(const PosteriorData& data, double margin, Ascents<Lanes>& ascents,
                      Search& search) {
@@ -298,8 +305,9 @@ void remove_finished(const PosteriorData& data, double margin, Ascents<Lanes>& a
     ascents.pad();
 }
 
-// Climb with all ascents of one precision, for so many rounds at most; what has
-// finished is moved to `search.finished`, or dropped.
+// Run all ascents of one precision for so many rounds at most; those that finish are
+// moved to `search.finished`, or dropped where they are more than `margin` below the
+// best.
 template <class Lanes>
 void run_ascents(const PosteriorData& data, Index rounds, double margin,
                  LaneWorkspace<Lanes>& lanes, Search& search) {
@@ -307,7 +315,7 @@ void run_ascents(const PosteriorData& data, Index rounds, double margin,
     ascents.pad();
     for (Index b = 0; b < ascents.blocks(); ++b) {
         check_interrupt();
-        fetch(data, search.group, ascents.origin + b * width<Lanes>, lanes);
+        gather(data, search.group, ascents.origin + b * width<Lanes>, lanes);
         begin(data, lanes.observed, lanes.space, ascents.block(b));
     }
     for (;; rounds -= ROUNDS_AT_ONCE) {
@@ -315,17 +323,18 @@ void run_ascents(const PosteriorData& data, Index rounds, double margin,
         remove_finished(data, margin, ascents, search);
         if (!ascents.count || rounds <= 0) return;
         for (Index b = 0; b < ascents.blocks(); ++b) {
-            fetch(data, search.group, ascents.origin + b * width<Lanes>, lanes);
-            ascent(data, lanes.observed, ROUNDS_AT_ONCE, lanes.space, ascents.block(b));
+            gather(data, search.group, ascents.origin + b * width<Lanes>, lanes);
+            ascend(data, lanes.observed, ROUNDS_AT_ONCE, lanes.space, ascents.block(b));
         }
         for (Index i = 0; i < ascents.count; ++i)
             data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS_AT_ONCE;
     }
 }
 
-// Run the ascents in double precision, then find value and Hessian in it at all that
-// finished near the best. An image has failed where none stands on a stationary point,
-// or one is not worth what its ascent took it for.
+// Run the ascents in double precision, then find value and Hessian at the end of all
+// that finished within `margin` of the best. An image has failed where none of them
+// ended on a stationary point, or where the value of one differs from what its ascent
+// found.
 inline void finish_all(const PosteriorData& data, double margin, Search& search) {
     Group& group = search.group;
     Ascents<Doubles>& finished = search.finished;
@@ -344,27 +353,28 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
         check_interrupt();
         Ascent<Doubles>& at = finished.block(b);
         at.before = at.found.value;
-        fetch(data, group, finished.origin + b * WIDTH, lanes);
-        settle(data, lanes.observed, lanes.space, at);
+        gather(data, group, finished.origin + b * WIDTH, lanes);
+        evaluate_end(data, lanes.observed, lanes.space, at);
         find_hessian(data, lanes.observed, lanes.space, at);
         finish(at);
     }
     for (Index slot = 0; slot < group.count; ++slot) {
-        bool stands = false, agrees = true;
+        bool is_stationary = false, agrees = true;
         for (Index i = 0; i < finished.count; ++i) {
             const double away =
                 finished[i].found.value[i % WIDTH] - finished[i].before[i % WIDTH];
             if (finished.origin[i].slot != slot) continue;
-            stands = stands || !(finished[i].moving[i % WIDTH] > 0);
+            is_stationary = is_stationary || !(finished[i].moving[i % WIDTH] > 0);
             agrees = agrees && magnitude(away) < MAX_DISAGREEMENT;
         }
-        group.failed[slot] = !(stands && agrees);
+        group.failed[slot] = !(is_stationary && agrees);
     }
 }
 
-// Ascent from all starts of a group under every component, in double precision alone
-// where `precise`. What has `finished` is at most `margin` below the best of its image,
-// in log likelihood and weight; what is still moving there ran out of rounds.
+// Run ascents from all starts of the images of a group under every component, in double
+// precision alone where `precise`. Those in `search.finished` are at most `margin`
+// below the best of their image, in log likelihood and weight; what is still moving
+// there ran out of rounds.
 inline void ascend_all(const PosteriorData& data, double margin, bool precise,
                        Search& search) {
     Ascents<Singles>& singles = search.single_precision.ascents;

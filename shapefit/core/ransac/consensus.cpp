@@ -68,9 +68,9 @@ struct VisibleLandmarks {
         for (double*& row : S) row = workspace.zeros<double>(p);
     }
 
-    // Gather the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
-    void take(Matrix<const double> w, Vector<const double> squares,
-              Matrix<const double> shape) {
+    // Copy the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
+    void gather(Matrix<const double> w, Vector<const double> squares,
+                Matrix<const double> shape) {
         count = 0;
         for (Index j = 0; j < squares.size[0]; ++j) {
             if (!(squares[j] > 0)) continue;
@@ -90,12 +90,13 @@ struct VisibleLandmarks {
     int64_t* index;  // among all landmarks
 };
 
+// Three of the visible landmarks.
 struct Triple {
     Index index[TRIPLE];
 };
 
-// An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of
-// Steele, Lea and Flood (2014).
+// A random integer of 0 .. m - 1, the same on every machine; `state` becomes the next
+// one. SplitMix64 of Steele, Lea and Flood (2014).
 Index draw_below(uint64_t& state, Index m) {
     state += 0x9E3779B97F4A7C15u;
     uint64_t z = state;
@@ -105,7 +106,8 @@ Index draw_below(uint64_t& state, Index m) {
     return static_cast<Index>(((z >> 32) * static_cast<uint64_t>(m)) >> 32);
 }
 
-// Three different integers of 0..m-1, m >= 3, all ordered triples equally likely.
+// Three different random integers of 0 .. m - 1, m >= 3, all ordered triples equally
+// likely.
 Triple draw_triple(uint64_t& state, Index m) {
     const Index i = draw_below(state, m);
     Index j = draw_below(state, m - 1), k = draw_below(state, m - 2);
@@ -136,7 +138,7 @@ struct TripleLanes {
     Doubles to_w[2][2], to_S[2][3];
 };
 
-// Lay the landmarks and shape points of WIDTH triples in lanes.
+// Copy the landmarks and shape points of WIDTH triples into lanes.
 [[gnu::noinline]] void gather(const VisibleLandmarks& visible, const Triple* triples,
                               TripleLanes& lanes) {
     const double* w[2] = {visible.x, visible.y};
@@ -160,7 +162,7 @@ struct Plane {
 };
 
 // The plane of the three shape points of each triple, in an orthonormal basis.
-Plane span(const TripleLanes& triple) {
+Plane plane_of(const TripleLanes& triple) {
     Plane plane;
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
@@ -172,12 +174,12 @@ Plane span(const TripleLanes& triple) {
     return plane;
 }
 
-// Both poses of each triple.
+// Find both weak perspective poses of each of WIDTH triples.
 void pose_triples(const VisibleLandmarks& visible, const Triple* triples,
                   Pose<Doubles> poses[2]) {
     TripleLanes triple{};
     gather(visible, triples, triple);
-    const Plane plane = span(triple);
+    const Plane plane = plane_of(triple);
     Doubles G[2][2], normal[2];
     for (int a = 0; a < 2; ++a) {
         G[a][0] = triple.to_w[0][a] / plane.base;
@@ -226,8 +228,9 @@ double find_area(const VisibleLandmarks& visible) {
     return 12 * root(larger(xx * yy - xy * xy, 0));
 }
 
-// The gain of a pose, or of one a lane; -infinity where there is none, and where the
-// tolerance covers the whole area. visit(j, residual^2, its limit) for each landmark.
+// The gain of a pose, or of one a lane; -infinity where the triple determined no pose,
+// and where the tolerance covers the whole area. Calls visit(j, r_j^2, tol) for each
+// landmark.
 template <class Number, class Visit>
 [[gnu::always_inline]] inline Number evaluate(const VisibleLandmarks& visible,
                                               const Pose<Number>& pose,
@@ -252,8 +255,8 @@ template <class Number, class Visit>
                          : zero - INFINITE;
 }
 
-// The gain of one pose, with inside (count,) = 1 for the landmarks in its tolerance,
-// else 0; none is where the gain is -infinity.
+// The gain of one pose; sets inside (count,) to 1 for the landmarks in its tolerance,
+// else 0, and to 0 for all where the gain is -infinity.
 double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose,
                     const Tolerance& tolerance, double* __restrict inside) {
     const double gain =
@@ -325,7 +328,7 @@ struct Best {
     Index inliers = 0;         // with so many
 };
 
-// Keep what lies inside the tolerance of a pose if it gains more than all before it.
+// Write the inliers of a pose where it gains more than the best before it.
 void keep_better(const VisibleLandmarks& visible, double gain, const double* inside,
                  Best& best, Vector<bool> inliers) {
     if (!(gain > best.gain)) return;
@@ -334,15 +337,15 @@ void keep_better(const VisibleLandmarks& visible, double gain, const double* ins
     for (Index j = 0; j < visible.count; ++j) inliers[visible.index[j]] = inside[j] > 0;
 }
 
-// Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a
-// fit that gains less than the pose before it does not replace it. A pose with no
-// inliers but its triple is not fitted.
+// Fit a drawn pose to its inliers and find these again, until they do not change or
+// max_rounds times; the inliers of the best pose are written. A pose with no inliers
+// but its triple is not fitted.
 void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance,
-                 Index most, Pose<double>& pose, Inside& inside, Best& best,
+                 Index max_rounds, Pose<double>& pose, Inside& inside, Best& best,
                  Vector<bool> inliers) {
     keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now,
                 best, inliers);
-    for (Index round = 0; round < most && sum(inside.now, visible.count) > TRIPLE;
+    for (Index round = 0; round < max_rounds && sum(inside.now, visible.count) > TRIPLE;
          ++round) {
         const Moments moments = find_moments(visible, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
@@ -370,7 +373,7 @@ double share_of_triples(Index inliers, Index m) {
     return larger(share, 0);
 }
 
-// The pose in one lane.
+// The pose in a lane.
 Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
     Pose<double> pose;
     pose.size = poses.size[lane];
@@ -379,10 +382,11 @@ Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
     return pose;
 }
 
-// Let both poses of `count` triples compete, in the order of the draws.
-void compete(const VisibleLandmarks& visible, const Triple* triples, int count,
-             Index most, const Tolerance& tolerance, Best& best, Inside& inside,
-             Vector<bool> inliers) {
+// Evaluate both poses of `count` triples, and refine each that gains more than all
+// drawn before it.
+void evaluate_triples(const VisibleLandmarks& visible, const Triple* triples, int count,
+                      Index max_rounds, const Tolerance& tolerance, Best& best,
+                      Inside& inside, Vector<bool> inliers) {
     Pose<Doubles> poses[2];
     Doubles gains[2];
     pose_triples(visible, triples, poses);
@@ -394,11 +398,12 @@ void compete(const VisibleLandmarks& visible, const Triple* triples, int count,
             if (!(gains[side][lane] > best.drawn)) continue;
             best.drawn = gains[side][lane];
             Pose<double> pose = pose_of_lane(poses[side], lane);
-            refine_pose(visible, tolerance, most, pose, inside, best, inliers);
+            refine_pose(visible, tolerance, max_rounds, pose, inside, best, inliers);
         }
 }
 
-// Find the inliers of an image: of the pose by three landmarks that most agree with.
+// Write the inliers of an image: the landmarks that agree with the best of the poses
+// that random triples determine.
 void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
                   uint64_t state, Inside& inside, Vector<bool> inliers) {
     const Tolerance tolerance{data.threshold, find_area(visible)};
@@ -414,14 +419,14 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
             static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
         for (int lane = 0; lane < count; ++lane)
             triples[lane] = draw_triple(state, visible.count);
-        compete(visible, triples, count, data.max_rounds, tolerance, best, inside,
-                inliers);
+        evaluate_triples(visible, triples, count, data.max_rounds, tolerance, best,
+                         inside, inliers);
     }
 }
 
 }  // namespace
 
-// Find the inliers of each image of the range by random triples of landmarks.
+// Write the inliers of each image of the range, found by random triples of landmarks.
 void find_consensus(const ConsensusData& data, Range range) {
     const Index p = data.squares.size[1];
     Workspace workspace;
@@ -430,7 +435,7 @@ void find_consensus(const ConsensusData& data, Range range) {
     for (Index image = range.first; image < range.last; ++image) {
         const Vector<bool> inliers = data.inliers[image];
         for (Index j = 0; j < p; ++j) inliers[j] = false;
-        visible.take(data.landmarks[image], data.squares[image], data.shape);
+        visible.gather(data.landmarks[image], data.squares[image], data.shape);
         if (visible.count >= TRIPLE)
             search_image(visible, data, data.seeds[image], inside, inliers);
     }

@@ -11,6 +11,7 @@ void transpose(const double* C, Index n, double* __restrict out) {
         for (Index j = 0; j < n; ++j) out[j * n + i] = C[i * n + j];
 }
 
+// x_e = 0 for n numbers.
 void clear(double* x, Index n) {
     for (Index e = 0; e < n; ++e) x[e] = 0;
 }
@@ -21,21 +22,21 @@ void scale_columns(const double* C, const double* scale, Index n, double* out) {
         for (Index j = 0; j < n; ++j) out[i * n + j] = C[i * n + j] * scale[j];
 }
 
-// C (n, n) -= A^T B for A as `Factor` reads it; `subtract_upper` leaves out tiles that
-// lie in the lower triangle.
+// C_ij -= sum_k A_ki B_kj for C (n, n).
 void subtract(Factor A, const double* B, double* C, Index n) {
     add_product(-1, A, B, C, n, n, n, n, every(n));
 }
+// C_ij -= sum_k A_ki B_kj for C (n, n), but for tiles in the lower triangle.
 void subtract_upper(Factor A, const double* B, double* C, Index n) {
     add_product(-1, A, B, C, n, n, n, n, upper(n));
 }
 
 }  // namespace
 
-void Banded::find_tied(const SequenceData& data, Index f, Index lag,
-                       double* tied) const {
+void Banded::find_motion_diagonal(const SequenceData& data, Index f, Index lag,
+                                  double* tied) const {
     const Index p = data.stiffness.size[0];
-    const double with = tie(data, f, lag);
+    const double with = difference_product(data, f, lag);
     for (Index e = 0; e < D_; ++e)
         tied[e] = e < 3 * p ? with * data.stiffness[e % p] : 0.0;
 }
@@ -50,18 +51,18 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones,
         if (!is_finite(cholesky_inverse(S_, V(f), D_, D_))) return false;
         finish_right_side(f);
         if (f + 1 == t_) break;
-        tie_to_next(data, f);
-        tie_to_second(data, f);
+        find_next_block(data, f);
+        find_second_block(data, f);
     }
     return true;
 }
 
-// S = A_ff and R.
+// S = A_ff with `damping` on its diagonal, and the right sides R of frame f.
 void Banded::begin_frame(const SequenceData& data, const Place& at, Index f,
                          Bones bones, double damping) {
     const Index d = data.points.size[1];
     derive(data, at, f, bones, S_, R_, E_);
-    find_tied(data, f, 0, tied_);
+    find_motion_diagonal(data, f, 0, tied_);
     for (Index e = 0; e < d; ++e) S_[e * D_ + e] += tied_[e] + damping;
 }
 
@@ -81,7 +82,7 @@ void Banded::subtract_earlier_frames(Index f) {
     }
 }
 
-// F_f = V_f R; products += F_f^T F_f.
+// Set F_f = V_f R, and add F_f^T F_f to the products.
 void Banded::finish_right_side(Index f) {
     const Index D = D_, E = E_;
     clear(F(f), D * E);
@@ -89,12 +90,12 @@ void Banded::finish_right_side(Index f) {
     add_product(1, transposed(F(f), E), F(f), products_, E, E, E, E, every(D));
 }
 
-// The factor's block of frames f and f + 1,
-// N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)).
-void Banded::tie_to_next(const SequenceData& data, Index f) {
+// Set N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)), the factor's block of frames f and f
+// + 1.
+void Banded::find_next_block(const SequenceData& data, Index f) {
     const Index D = D_;
     clear(S_, D * D);
-    find_tied(data, f, 1, tied_);
+    find_motion_diagonal(data, f, 1, tied_);
     for (Index e = 0; e < D; ++e) S_[e * D + e] = tied_[e];
     if (f > 0)
         add_product(-1, transposed(N(f - 1), D), W(f - 1), S_, D, D, D, D,
@@ -103,9 +104,9 @@ void Banded::tie_to_next(const SequenceData& data, Index f) {
     add_product(1, plain(V(f), D), S_, N(f), D, D, D, D, up_to_row());
 }
 
-// W_f = V_f A_f,f+2.
-void Banded::tie_to_second(const SequenceData& data, Index f) {
-    find_tied(data, f, 2, tied_);
+// Set W_f = V_f A_f,f+2, the factor's block of frames f and f + 2.
+void Banded::find_second_block(const SequenceData& data, Index f) {
+    find_motion_diagonal(data, f, 2, tied_);
     scale_columns(V(f), tied_, D_, W(f));
 }
 
@@ -120,7 +121,7 @@ void Banded::solve(const SequenceData& data, const double* x,
             for (Index i = 0; i < D; ++i)
                 left[i] -= dot_padded(N(f) + i * D, out[f + 1].data, D);
         if (f + 2 < t_) {
-            find_tied(data, f, 2, tied);
+            find_motion_diagonal(data, f, 2, tied);
             for (Index i = 0; i < D; ++i) tied[i] *= out[f + 2][i];
             for (Index i = 0; i < D; ++i)
                 left[i] -= dot_padded(V(f) + i * D, tied, padded(i + 1));
@@ -129,11 +130,11 @@ void Banded::solve(const SequenceData& data, const double* x,
     }
 }
 
-Banded::Covariances::Covariances(double* room, Index D) {
+Banded::Covariances::Covariances(double* memory, Index D) {
     double** const blocks[] = {&here, &next, &last, &between, &GN, &GW, &one, &two};
     for (double** block : blocks) {
-        *block = room;
-        room += D * D;
+        *block = memory;
+        memory += D * D;
     }
     clear(next, D * D);
     clear(last, D * D);
@@ -163,19 +164,20 @@ void Banded::write_covariances(const SequenceData& data, const Place& at,
     }
 }
 
-// V^T V in the place of Sigma_ff; G_N and G_W = V^T V diag(tied).
+// Set Sigma.here to V^T V, G_N to V^T N and G_W to V^T V diag(tied), of frame f.
 void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) const {
     const Index D = D_;
     multiply_out(V(f), Sigma.here, D, D);
     mirror(Sigma.here, D, D);
-    find_tied(data, f, 2, tied_);
+    find_motion_diagonal(data, f, 2, tied_);
     scale_columns(Sigma.here, tied_, D, Sigma.GW);
     clear(Sigma.GN, D * D);
     if (f + 1 < t_)
         add_product(1, transposed(V(f), D), N(f), Sigma.GN, D, D, D, D, every(D));
 }
 
-// The covariances of frame f with itself and the next two, from those of the next two.
+// Set the covariances of a frame with itself and the next two, from those of the next
+// two.
 void Banded::find_covariances(Covariances& Sigma) const {
     const Index D = D_;
     const Factor GN = plain(Sigma.GN, D), GW = plain(Sigma.GW, D);

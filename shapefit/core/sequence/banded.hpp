@@ -15,6 +15,7 @@
 
 namespace shapefit {
 
+// The factor of A, in memory for all frames, and what is solved with it.
 class Banded {
   public:
     Banded(Workspace& workspace, const SequenceData& data)
@@ -33,29 +34,29 @@ class Banded {
           tied_(workspace.zeros<double>(D_)),
           left_(workspace.zeros<double>(D_)) {}
 
-    // Factor the Hessian of the frames at a place, `damping` added to its diagonal, and
-    // take the right sides R of `derive` along; false where it is not positive
+    // Factorise the Hessian of the frames at a place, `damping` added to its diagonal,
+    // and the right sides R of `derive` with it; false where it is not positive
     // definite.
     bool factorise(const SequenceData& data, const Place& at, Bones bones,
                    double damping);
 
-    // Sums of products of the right sides, R^T A^-1 R (E, E).
+    // R^T A^-1 R (E, E) of the right sides.
     const double* products() const { return products_; }
+    // E, the number of right sides, padded.
     Index columns() const { return E_; }
 
-    // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b)
+    // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b).
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
 
-    // The covariance of each frame's points, the lengths held, to `data`: its block of
-    // A^-1, with the mixture of the frame in the place of what stands for it in A; and
-    // the energies of the frames.
+    // Write the covariance of each frame's points to `data`, for fixed lengths: by
+    // `marginal`, from the frame's block of A^-1; and the energies of the frames.
     void write_covariances(const SequenceData& data, const Place& at,
                            Marginal& marginal) const;
 
   private:
-    // The room that the covariances of three frames take, and G_N, G_W (D, D) each.
+    // The covariances of three frames, and G_N, G_W, (D, D) each, in `memory`.
     struct Covariances {
-        Covariances(double* room, Index D);
+        Covariances(double* memory, Index D);
 
         double *here, *next, *last;  // Sigma of f with itself, of f + 1, of f + 2
         double *one, *two;           // of f with f + 1, with f + 2
@@ -63,19 +64,22 @@ class Banded {
         double *GN, *GW;
     };
 
-    // The diagonal of A_f,f+lag, without damping (D,); of W_f = V_f diag(tied) for 2.
-    void find_tied(const SequenceData& data, Index f, Index lag, double* tied) const;
+    // tied (D,) = the diagonal of the term of the motion in A_f,f+lag; for a lag of 2
+    // W_f = V_f diag(tied).
+    void find_motion_diagonal(const SequenceData& data, Index f, Index lag,
+                              double* tied) const;
 
     void begin_frame(const SequenceData& data, const Place& at, Index f, Bones bones,
                      double damping);
     void subtract_earlier_frames(Index f);
     void finish_right_side(Index f);
-    void tie_to_next(const SequenceData& data, Index f);
-    void tie_to_second(const SequenceData& data, Index f);
+    void find_next_block(const SequenceData& data, Index f);
+    void find_second_block(const SequenceData& data, Index f);
 
     void find_gains(const SequenceData& data, Index f, Covariances& Sigma) const;
     void find_covariances(Covariances& Sigma) const;
 
+    // The blocks of frame f.
     double* V(Index f) const { return V_ + f * D_ * D_; }
     double* N(Index f) const { return N_ + f * D_ * D_; }
     double* W(Index f) const { return W_ + f % 3 * D_ * D_; }  // lives for two frames
@@ -87,7 +91,7 @@ class Banded {
     double* W_;             // (3, D, D)
     double *S_, *R_;        // Hessian and right sides of the frame at work
     double* products_;      // (E, E)
-    double* covariances_;   // room for Covariances
+    double* covariances_;   // memory for Covariances
     double* turned_;        // (D, D)
     double *tied_, *left_;  // (D,)
 };

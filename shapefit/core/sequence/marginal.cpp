@@ -52,8 +52,6 @@ bool Marginal::mix(const SequenceData& data, const Place& at, Index f,
     return true;
 }
 
-// Log of the weight of mode k, but for a constant, with its Q^-1 and delta; -infinity
-// where rounding has left Q without a factor.
 double Marginal::weigh(const SequenceData& data, const Place& at, Index f, Index k) {
     const Index D = D_, d = data.means.size[2];
     double *Q = each_ + k * D * D, *delta = delta_ + k * D;

@@ -38,13 +38,16 @@ class Marginal {
           linear_term_(workspace.zeros<double>(D_)),
           mean_(workspace.zeros<double>(D_)) {}
 
-    // Deviations, correlations and covariance of frame f to `data`; Sigma (D, D) is its
-    // block of A^-1.
+    // Write the deviations, correlations and covariance of frame f to `data`; Sigma (D,
+    // D) is its block of A^-1.
     void write(const SequenceData& data, const Place& at, Index f, const double* Sigma);
 
   private:
-    // The mixture's covariance in `whole_`; false where Sigma is as good.
+    // Set `whole_` to the covariance of frame f with its whole mixture; false where the
+    // mixture has one mode, or rounding hides the others: then it is Sigma.
     bool mix(const SequenceData& data, const Place& at, Index f, const double* Sigma);
+    // Set Q_k^-1 and delta_k of mode k of frame f; returns the log of its weight, but
+    // for a constant, or -infinity where rounding has left Q_k without a factor.
     double weigh(const SequenceData& data, const Place& at, Index f, Index k);
 
     Index D_;

@@ -3,12 +3,14 @@
 namespace shapefit {
 namespace {
 
+// The landmarks i and j at the ends of a bone, the unit vector from j to i, and its
+// length.
 struct Bone {
     Index i, j;
     double along[3], length;
 };
 
-// The length and the direction of bone b of the points y.
+// The ends, length and direction of bone b at the points y (3 p,).
 Bone bone_of(const SequenceData& data, const double* y, Index b) {
     const Index p = data.stiffness.size[0];
     Bone bone{data.bones[b].data[0], data.bones[b].data[1], {}, 0};
@@ -21,7 +23,8 @@ Bone bone_of(const SequenceData& data, const double* y, Index b) {
     return bone;
 }
 
-// -log sum_k share_k N(y; m_k, P_k^-1), with the shares at y and the gradient.
+// -log sum_k share_k N(y; m_k, P_k^-1) of frame f; sets share (K,) to the shares of the
+// modes at y, and linear_term (D,) to the gradient.
 double mix(const SequenceData& data, Index f, const double* y, double* share,
            double* linear_term, double* scratch) {
     const Index K = data.log_share.size[1], d = data.means.size[2], D = padded(d);
@@ -73,7 +76,7 @@ double length_gradient(const SequenceData& data, const Place& at, Index b) {
     return total;
 }
 
-double tie(const SequenceData& data, Index f, Index lag) {
+double difference_product(const SequenceData& data, Index f, Index lag) {
     double total = 0;
     for (int a = 0; a + lag < 3 && a <= f; ++a) {
         // f is member a of the difference that begins at f - a
@@ -83,7 +86,7 @@ double tie(const SequenceData& data, Index f, Index lag) {
     return total;
 }
 
-void measure(const SequenceData& data, Place& at, double* scratch) {
+void evaluate(const SequenceData& data, Place& at, double* scratch) {
     const Index t = at.y.size[0], p = data.stiffness.size[0];
     double energy = 0;
     for (Index b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
@@ -145,8 +148,8 @@ void derive(const SequenceData& data, const Place& at, Index f, Bones bones, dou
         R[e * E] += weight[e] * (y[e] - w[e]);
     }
     for (Index other = f < 2 ? 0 : f - 2; other <= f + 2 && other < t; ++other) {
-        const double tied =
-            other < f ? tie(data, other, f - other) : tie(data, f, other - f);
+        const double tied = other < f ? difference_product(data, other, f - other)
+                                      : difference_product(data, f, other - f);
         for (int a = 0; a < 3; ++a)
             for (Index j = 0; j < p; ++j)
                 R[(a * p + j) * E] += tied * data.stiffness[j] * at.y[other][a * p + j];

@@ -53,7 +53,8 @@ struct SequenceData {
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
 };
 
-// Where the minimisation stands; rows of frames are padded to a multiple of PADDING.
+// A point of the minimisation, and the objective there; rows of frames are padded to D,
+// a multiple of PADDING.
 struct Place {
     Place(Workspace& workspace, const SequenceData& data)
         : y(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
@@ -74,23 +75,24 @@ struct Place {
     double energy = 0;
 };
 
-// The value of the objective at y and l: its energies, the gradient of the mixtures,
-// and the shares of the modes, to `at`.
-void measure(const SequenceData& data, Place& at, double* scratch);
+// Evaluate the objective at y and l of `at`, and store its energies, the gradient of
+// the mixtures, the shares of the modes and the excess lengths there. `scratch` (1 + K,
+// D).
+void evaluate(const SequenceData& data, Place& at, double* scratch);
 
-// The Hessian of the term of the bones: Gauss and Newton's, with their directions held,
-// which is never negative, or all of it.
+// The Hessian of the term of the bones: Gauss and Newton's, with their directions
+// fixed, which is never negative, or the whole of it.
 enum class Bones { HELD, WHOLE };
 
-// Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the
-// motion, D = at.y.size[1], the shares of the modes held, ones on the diagonal of the
-// padding; and R (D, E), the gradient and then the second derivatives with the lengths,
-// one per column.
+// Set the upper triangle of S (D, D) to the block of frame f in the Hessian without the
+// term of the motion, the shares of the modes fixed, with ones on the diagonal of the
+// padding; and the columns of R (D, E) to the gradient over the frame, and to its
+// derivatives by the lengths.
 void derive(const SequenceData& data, const Place& at, Index f, Bones bones, double* S,
             double* R, Index E);
 
-// S (D, D) += sign sum_k share_k P_k of frame f, its upper triangle: how the mixture
-// bends at y.
+// Add sign sum_k share_k P_k of frame f, the curvature of its mixture at y, to the
+// upper triangle of S (D, D).
 void add_precision(const SequenceData& data, const Place& at, Index f, double sign,
                    double* S);
 
@@ -101,7 +103,8 @@ double length_gradient(const SequenceData& data, const Place& at, Index b);
 double multiply_symmetric(const double* P, const double* x, Index d,
                           double* __restrict out);
 
-// How frame f is tied to frame f + lag by D^T D of the second differences D.
-double tie(const SequenceData& data, Index f, Index lag);
+// Entry (f, f + lag) of D^T D, for D the matrix of the second differences over the
+// frames.
+double difference_product(const SequenceData& data, Index f, Index lag);
 
 }  // namespace shapefit

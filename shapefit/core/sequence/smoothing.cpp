@@ -16,7 +16,8 @@ struct PrecisionData {
     Matrix<double> log_det = from("log_det", "n K");
 };
 
-// Overwrite covariances C by (factor C + ridge I)^-1, and give their log determinants.
+// Overwrite the wanted covariances C of the range by (factor C + ridge I)^-1, and write
+// log det (factor C + ridge I).
 void find_precisions(const PrecisionData& data, Range range) {
     const Index K = data.wanted.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;
@@ -49,17 +50,18 @@ constexpr double MAX_STEP = 0.5;
 constexpr double FIRST_DAMPING = 1e-1, MIN_DAMPING = 1e-2, MAX_DAMPING = 1e8;
 constexpr double DAMPING_INCREASE = 6, DAMPING_DECREASE = 5;
 
+// A step of frames and lengths, and the system of the lengths.
 struct Step {
     Step(Workspace& workspace, const SequenceData& data)
         : frames(workspace.matrix<double>(data.points.size[0],
                                           padded(data.points.size[1]))),
           lengths(workspace.vector<double>(data.lengths.size[0])),
-          schur(workspace.zeros<double>(square_of(data))),
-          inverse(workspace.zeros<double>(square_of(data))),
+          schur(workspace.zeros<double>(matrix_size(data))),
+          inverse(workspace.zeros<double>(matrix_size(data))),
           side(workspace.zeros<double>(padded(data.lengths.size[0]))) {}
 
-    // Numbers of a matrix over the lengths, padded.
-    static Index square_of(const SequenceData& data) {
+    // How many numbers there are in a matrix over the lengths, padded.
+    static Index matrix_size(const SequenceData& data) {
         const Index e = padded(data.lengths.size[0]);
         return e * e;
     }
@@ -69,8 +71,9 @@ struct Step {
     double *schur, *inverse, *side;
 };
 
-// The lengths' step with the frames eliminated, and then the frames'. False where the
-// system is not positive definite.
+// Solve the damped Newton system at a place: first for the step of the lengths, with
+// the frames eliminated, then for that of the frames. False where the system is not
+// positive definite.
 bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
                Step& step) {
     const Index e = data.lengths.size[0], E = factor.columns(), n = padded(e);
@@ -96,8 +99,8 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
     return true;
 }
 
-// to = from - shrink * step, with `shrink` below 1 where a coordinate would move too
-// far.
+// to = from - shrink * step for the frames, from + shrink * step for the lengths, with
+// `shrink` below 1 where a coordinate would move more than MAX_STEP.
 void move(const Place& from, const Step& step, Place& to) {
     const Index count = from.y.size[0] * from.y.size[1];
     double farthest = 0;
@@ -110,7 +113,7 @@ void move(const Place& from, const Step& step, Place& to) {
         to.lengths[a] = from.lengths[a] + shrink * step.lengths[a];
 }
 
-// The first `width` numbers of each row.
+// Copy the first `width` numbers of each row.
 void copy_rows(Matrix<const double> from, Matrix<double> to, Index width) {
     for (Index f = 0; f < from.size[0]; ++f)
         for (Index e = 0; e < width; ++e) to[f][e] = from[f][e];
@@ -118,8 +121,8 @@ void copy_rows(Matrix<const double> from, Matrix<double> to, Index width) {
 
 }  // namespace
 
-// A local minimum near the start, by the method of Levenberg and Marquardt, and the
-// deviations there, the lengths held; no step raises the objective.
+// Find a local minimum near the start, by the method of Levenberg and Marquardt, and
+// the deviations there for fixed lengths; no step raises the objective.
 void smooth_sequence(const SequenceData& data) {
     const Index t = data.points.size[0], d = data.points.size[1],
                 e = data.lengths.size[0];
@@ -131,7 +134,7 @@ void smooth_sequence(const SequenceData& data) {
     double* scratch = workspace.zeros<double>((1 + data.log_share.size[1]) * padded(d));
     copy_rows(data.points, at->y, d);
     for (Index b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
-    measure(data, *at, scratch);
+    evaluate(data, *at, scratch);
     double damping = FIRST_DAMPING;
     Index rounds = 0;
     while (rounds < data.max_rounds) {
@@ -141,7 +144,7 @@ void smooth_sequence(const SequenceData& data) {
                 !find_step(data, *at, factor, step))
                 continue;
             move(*at, step, *tried);
-            measure(data, *tried, scratch);
+            evaluate(data, *tried, scratch);
             lower = tried->energy <= at->energy;
             if (lower) break;
         }

@@ -32,7 +32,7 @@ struct AlternationData {
 
 namespace {
 
-// What the alternation of one image works with.
+// The image and the memory that its alternation works with.
 struct Alternation {
     Alternation(Workspace& workspace, Tensor<const double> all)
         : image(workspace, all),
@@ -51,8 +51,8 @@ struct AlternationEnd {
     bool converged;
 };
 
-// Alternate from R and c = 0 until the objective hardly falls; R becomes the rotation
-// of the local minimum, and `work.step.set` holds its coefficients.
+// Alternate the steps over c and R, from R and c = 0, until the objective hardly falls;
+// R becomes the rotation of the local minimum, `work.step.set` its coefficients.
 AlternationEnd alternate_image(const AlternationData& data, double lam,
                                Alternation& work, Rotation& R) {
     const Index row = work.image.atoms.row;
@@ -60,7 +60,7 @@ AlternationEnd alternate_image(const AlternationData& data, double lam,
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
     double P[9], D[6], before = INFINITE, now = INFINITE;
     work.step.set.clear();
-    work.step.aim(w, lam, data.is_signed);
+    work.step.set_program(w, lam, data.is_signed);
     for (Index round = 0; round < data.max_rounds; ++round) {
         check_interrupt();
         now = work.step.minimise_at(R);
@@ -78,7 +78,8 @@ AlternationEnd alternate_image(const AlternationData& data, double lam,
     return {now, data.max_rounds, false};
 }
 
-// Alternate from each start of an image, and keep the end of the least objective.
+// Alternate from each start of an image, and write the local minimum of the least
+// objective.
 void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
@@ -98,12 +99,12 @@ void alternate_starts(const AlternationData& data, Index image, Alternation& wor
 
 }  // namespace
 
-// Fit coefficients and rotation by turns to each image of the range.
+// Fit coefficients and one rotation to each image of the range, in turn over either.
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
     Alternation work(workspace, data.atoms);
     for (Index image = range.first; image < range.last; ++image) {
-        if (work.image.take(data.landmarks[image], data.weights[image]))
+        if (work.image.reduce(data.landmarks[image], data.weights[image]))
             alternate_starts(data, image, work);
         else data.status[image] = Status::DEGENERATE;
     }

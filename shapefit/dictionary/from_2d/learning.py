@@ -400,10 +400,10 @@ def complete_landmarks(
 
 
 def fill_hidden(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
-    """Fill in hidden landmarks of w (n, 2, p) from `placed` (n, 2, p), and centre all.
+    """Fill in hidden landmarks of w (n, 2, p) by the model's `placed`, and centre all.
 
-    placed is centred. Returns the landmarks, and the middle (n, 2, 1) by which w and
-    placed lie apart.
+    placed (n, 2, p) is centred. Returns the landmarks, and the mean offset (n, 2, 1) of
+    visible landmarks from placed.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
     offset = np.where(visible[:, None], w - placed, 0.0)

@@ -19,7 +19,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted
 from shapefit.io.formats import Head
-from shapefit.io.readers.markers import of_markers
+from shapefit.io.readers.markers import poses_from_markers
 from shapefit.io.readers.poses import FormatError, Poses, require
 from shapefit.io.readers.text import decode
 
@@ -54,19 +54,19 @@ class DataLayout(NamedTuple):
 
     @property
     def frame_bytes(self) -> int:
-        """The number of bytes that a frame takes."""
+        """The number of bytes of one frame."""
         return (4 * self.points + self.analog) * self.width
 
     @property
     def bytes(self) -> int:
-        """The number of bytes that all frames take."""
+        """The number of bytes of all frames."""
         return self.frames * self.frame_bytes
 
 
 class C3d(NamedTuple):
-    """What stands before the data: the layout by the header, the number of the first
-    frame, the scale of whole numbers, the rate in Hz; the parameters; and the data
-    section: where it begins, and its size in bytes.
+    """Header and parameters of a C3D file: the layout by the header, the number of the
+    first frame, the scale of whole numbers, the rate in Hz; the parameters; and the
+    data section: where it begins, and its size in bytes.
     """
 
     header: DataLayout
@@ -79,17 +79,17 @@ class C3d(NamedTuple):
     is_dec: bool
 
     def number(self, group: str, name: str) -> float:
-        """Return the first value of a parameter; 0 where it has none."""
+        """Return the first value of a parameter as a number; 0 where it has none."""
         values = self.parameters.get((group, name), ())
         return float(values[0]) if values and not isinstance(values[0], str) else 0.0
 
     def whole_number(self, group: str, name: str) -> int:
-        """Return a parameter that counts something; 0 where it has no such value."""
+        """Return the first value of a parameter as a count; 0 where it is none."""
         value = self.number(group, name)
         return int(value) if 0 <= value < MAX_COUNT else 0
 
     def texts(self, name: str) -> list[str]:
-        """Return the texts of a parameter of the group POINT; [] for none."""
+        """Return the texts of the parameter `name` of group POINT; [] for none."""
         values = self.parameters.get(("POINT", name), ())
         return [value for value in values if isinstance(value, str)]
 
@@ -99,8 +99,8 @@ MAX_COUNT = 1 << 32
 
 
 def is_c3d(head: Head) -> bool:
-    """Whether the second byte is the mark of C3D, which other files can have there."""
-    return head.named(".c3d") and head.bytes[1:2] == b"\x50"
+    """Whether a file is named .c3d, and its second byte is the mark of C3D."""
+    return head.has_suffix(".c3d") and head.bytes[1:2] == b"\x50"
 
 
 def read_c3d(paths: tuple[Path, ...]) -> Poses:
@@ -111,8 +111,8 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     these contradict the size of the data, of the header.
     """
     path = paths[0]
-    file = _open_c3d(path)
-    layout = _fitting_layout(path, file)
+    file = _read_c3d_header(path)
+    layout = _choose_layout(path, file)
     require(layout.points, "no points, and no parameters POINT")
     points = _read_points(path, file, layout)
     notes = _notes_of_counts(file, layout)
@@ -129,7 +129,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         number = counted(len(lost), "point")
         notes.append(f"{number} left out, computed by a model ({abbreviate(lost)})")
     start = max(file.first - 1, 0)
-    return of_markers(
+    return poses_from_markers(
         path,
         points[:, markers],
         [labels[number] for number in markers],
@@ -143,8 +143,11 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
 # Header and parameters.
 
 
-def _open_c3d(path: Path) -> C3d:
-    """Read the header and the parameters. Raises FormatError for damaged ones."""
+def _read_c3d_header(path: Path) -> C3d:
+    """Read the header and the parameters of a C3D file, which come before its data.
+
+    Raises FormatError for damaged ones.
+    """
     size = path.stat().st_size
     with path.open("rb") as file:
         block = file.read(BLOCK_SIZE)
@@ -159,27 +162,27 @@ def _open_c3d(path: Path) -> C3d:
     intel = "save it in the order of bytes of Intel processors"
     require(processor != MIPS, "its numbers are those of a MIPS processor", intel)
     points, analog, first, last = struct.unpack_from("<HHHH", block, 2)
-    scale = _floats(block[12:16], processor == DEC)[0]
-    rate = _floats(block[20:24], processor == DEC)[0]
+    scale = _decode_floats(block[12:16], processor == DEC)[0]
+    rate = _decode_floats(block[20:24], processor == DEC)[0]
     return C3d(
-        header=DataLayout(max(last - first + 1, 0), points, analog, width(scale)),
+        header=DataLayout(max(last - first + 1, 0), points, analog, _width(scale)),
         first=first,
         scale=float(scale),
         rate=float(rate),
-        parameters=_parameters(section, processor == DEC),
+        parameters=_parse_parameters(section, processor == DEC),
         start=start,
         data=max(size - start, 0),
         is_dec=processor == DEC,
     )
 
 
-def width(scale: float) -> int:
-    """Return the bytes of a coordinate: 4 (a float) for a scale below 0, else 2."""
+def _width(scale: float) -> int:
+    """Return the bytes of a coordinate by the scale: 4 (a float) below 0, else 2."""
     return 4 if scale < 0 else 2
 
 
-def _floats(data: bytes, is_dec: bool) -> Floats:
-    """Return the numbers (n,) in bytes, four for each, of an Intel processor or a DEC.
+def _decode_floats(data: bytes, is_dec: bool) -> Floats:
+    """Decode 4-byte floats (n,), as processors of Intel or of DEC write them.
 
     Those of a DEC have their halves exchanged, and are four times as large.
     """
@@ -196,12 +199,13 @@ MAX_AXES = 7
 """Axes of a parameter, at most."""
 
 
-def _parameters(section: bytes, is_dec: bool) -> Parameters:
-    """Return the parameters in a section, from its fifth byte on.
+def _parse_parameters(section: bytes, is_dec: bool) -> Parameters:
+    """Parse the parameter section of a C3D file: (group, name) -> values.
 
     A record is the length of its name, the number of its group (below 0 for the group
     itself), the name, the way to the next record, 0 from the last, what it holds, and a
-    description with its length. Raises FormatError for records of another length.
+    description with its length. The first is at the fifth byte. Raises FormatError for
+    records of another length.
     """
     groups: dict[int, str] = {}
     found: dict[tuple[int, str], Values] = {}
@@ -220,7 +224,7 @@ def _parameters(section: bytes, is_dec: bool) -> Parameters:
             groups[-group] = name
         else:
             (kind,) = struct.unpack_from("b", section, body)
-            start, end = _place_of_values(section, body)
+            start, end = _find_values(section, body)
             lengths, values = section[body + 2 : start], section[start:end]
         description = section[end] if end < len(section) else 0
         whole = end + 1 + description
@@ -228,7 +232,7 @@ def _parameters(section: bytes, is_dec: bool) -> Parameters:
         fits = fits and end <= len(section)
         require(fits, f"the parameter {name} does not fit in its record")
         if group > 0:
-            found[group, name] = _values(kind, lengths, values, is_dec)
+            found[group, name] = _decode_values(kind, lengths, values, is_dec)
         if following == 0:
             break
         place = whole
@@ -238,10 +242,10 @@ def _parameters(section: bytes, is_dec: bool) -> Parameters:
     }
 
 
-def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
-    """Return where the values of a parameter begin in its section, and where they end.
+def _find_values(section: bytes, body: int) -> tuple[int, int]:
+    """Return the offsets in a section where a parameter's values begin and end.
 
-    body is where its kind stands. Raises FormatError for an unknown kind.
+    body is the offset of its kind. Raises FormatError for an unknown kind.
     """
     kind, axes = struct.unpack_from("bB", section, body)
     start = body + 2 + axes
@@ -250,8 +254,8 @@ def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
     return start, start + abs(kind) * math.prod(section[body + 2 : start])
 
 
-def _values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
-    """Return the values of a parameter: numbers, or texts.
+def _decode_values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
+    """Decode the values of a parameter of this kind: numbers, or texts.
 
     lengths are those of its axes, a byte each; the first is that of a text.
     """
@@ -260,17 +264,17 @@ def _values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
         rows = [data[start : start + size] for start in range(0, len(data), size or 1)]
         return [decode(row).strip(" \0") for row in rows]
     if kind == FLOAT:
-        return [*map(float, _floats(data, is_dec))]
+        return [*map(float, _decode_floats(data, is_dec))]
     return [*map(float, np.frombuffer(data, "<u2" if kind == WHOLE_TYPE else "u1"))]
 
 
 # Data.
 
 
-def _fitting_layout(path: Path, file: C3d) -> DataLayout:
-    """Return the layout that fills the data section up to the end of its last block.
+def _choose_layout(path: Path, file: C3d) -> DataLayout:
+    """Return the layout, by parameters or header, whose size fits the data section.
 
-    Its counts are those of the parameters, else of the header.
+    It fills the section up to the end of its last block.
 
     Where all announce more frames than there are, it has those that are there, if
     nothing but zeros follows them. Raises FormatError where no layout fits.
@@ -302,7 +306,7 @@ def _fitting_layout(path: Path, file: C3d) -> DataLayout:
 
 
 def _layout_of_parameters(file: C3d) -> DataLayout:
-    """Return the layout that the parameters state, with 0 frames."""
+    """Return the layout that the parameters state; its frames are set to 0."""
     rate = file.number("POINT", "RATE")
     of_analog = file.number("ANALOG", "RATE")
     shares = of_analog / rate if rate > 0 and of_analog > 0 else 1.0
@@ -311,12 +315,12 @@ def _layout_of_parameters(file: C3d) -> DataLayout:
         0,
         file.whole_number("POINT", "USED"),
         file.whole_number("ANALOG", "USED") * samples,
-        width(file.number("POINT", "SCALE") or file.scale),
+        _width(file.number("POINT", "SCALE") or file.scale),
     )
 
 
 def _actual_frames(file: C3d) -> int:
-    """Return the number of frames that the parameters of TRIAL state; 0 without them.
+    """Return the number of frames by the parameters of group TRIAL; 0 without them.
 
     From ACTUAL_START_FIELD to ACTUAL_END_FIELD, each in two halves, in which long
     recordings count.
@@ -339,13 +343,13 @@ def _last_bytes(path: Path, count: int) -> bytes:
 
 
 def _read_points(path: Path, file: C3d, layout: DataLayout) -> Floats:
-    """Return the points (n, p, 3) of the data section, NaN for missing ones."""
+    """Read the points (n, p, 3) of the data section, NaN for missing ones."""
     with path.open("rb") as opened:
         opened.seek(file.start)
         data = opened.read(layout.bytes)
     unit = 1.0
     if layout.width == 4:
-        values = _floats(data, file.is_dec)
+        values = _decode_floats(data, file.is_dec)
     else:
         values = np.frombuffer(data, "<i2").astype(np.float64)
         unit = abs(file.number("POINT", "SCALE") or file.scale)

@@ -48,11 +48,10 @@ CORRECT = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedCamera:
-    """matrix (3, 3) and size (2,) in pixels; distortion (8,) as `geometry.pinhole` has
-    it.
+    """A pinhole camera: matrix (3, 3) and size (2,) in pixels, distortion (8,).
 
-    rotation (3, 3) and translation (3,) lead from the world to the camera, in the
-    file's unit.
+    The distortion is as `geometry.pinhole` has it. rotation (3, 3) and translation (3,)
+    lead from the world to the camera, in the file's unit.
     """
 
     matrix: Floats
@@ -63,7 +62,7 @@ class CalibratedCamera:
 
 
 def read_camera(path: Path, name: str | None) -> CalibratedCamera:
-    """Return the camera of this name in a calibration; without a name the only one.
+    """Read the camera called `name` in a calibration file; without a name the only one.
 
     A name is that of the section, its `name` or its `port`. Raises InputError for a
     file that is no calibration, for a name that it does not have, and without a name
@@ -71,7 +70,7 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     """
     require_file(path)
     with parsing(path, "a calibration", OF_TOOLS):
-        cameras = [*_sections(path.stem, _read_content(path))]
+        cameras = [*_camera_sections(path.stem, _read_content(path))]
         require(cameras, "no section with the `matrix` of a camera")
     names = [
         [section, *(str(table[key]) for key in ("name", "port") if key in table)]
@@ -88,11 +87,11 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
         raise input_error(path, problem, f"set `camera.name`: there are {labels}")
     section, table = cameras[chosen[0]]
     with parsing(f"{path}: {section}", "a camera", CORRECT):
-        return _camera(table)
+        return _parse_camera(table)
 
 
 def _read_content(path: Path) -> object:
-    """Return the mappings and lists in a file of JSON, YAML or else TOML.
+    """Parse a file of JSON, YAML or else TOML into mappings and lists.
 
     Its name tells which it is. Raises FormatError for what is none.
     """
@@ -114,22 +113,24 @@ def _read_content(path: Path) -> object:
         return YAML(typ="safe", pure=True).load(text)
 
 
-def _sections(name: str, value: object) -> Iterator[tuple[str, dict[str, object]]]:
+def _camera_sections(
+    name: str, value: object
+) -> Iterator[tuple[str, dict[str, object]]]:
     """Yield name and mapping of each section with a camera matrix, at any depth.
 
-    The name is its key, or its number in a list.
+    The name is its key, or its number in a list; `name` is that of `value` itself.
     """
-    if isinstance(value, dict) and _field(value, "matrix") is not None:
+    if isinstance(value, dict) and _find_field(value, "matrix") is not None:
         yield name, value
     elif isinstance(value, dict | list):
         for key, within in (
             value.items() if isinstance(value, dict) else enumerate(value)
         ):
-            yield from _sections(str(key), within)
+            yield from _camera_sections(str(key), within)
 
 
-def _field(table: Mapping[str, object], field: str) -> object:
-    """Return the value of a field, by any of its CALIBRATION_KEYS; None for nothing."""
+def _find_field(table: Mapping[str, object], field: str) -> object:
+    """Return the value of a field under any of its CALIBRATION_KEYS; None if absent."""
     small = {str(key).lower(): value for key, value in table.items()}
     values = (small.get(key) for key in CALIBRATION_KEYS[field].split())
     return next(
@@ -137,12 +138,12 @@ def _field(table: Mapping[str, object], field: str) -> object:
     )
 
 
-def _camera(table: Mapping[str, object]) -> CalibratedCamera:
-    """Return the camera of a section. Raises FormatError for fields that cannot be."""
+def _parse_camera(table: Mapping[str, object]) -> CalibratedCamera:
+    """Make a camera of a section's fields; FormatError for an impossible camera."""
     model = str(table.get("distortion_model", "")).lower()
     fisheye = table.get("fisheye") is True or model in ("fisheye", "equidistant")
     require(not fisheye, "a fisheye lens, whose model is another one")
-    matrix = _array(table, "matrix", (3, 3))
+    matrix = _parse_array(table, "matrix", (3, 3))
     assert matrix is not None
     proper = np.diag([matrix[0, 0], matrix[1, 1], 1.0])
     proper[:2, 2] = matrix[:2, 2]
@@ -154,7 +155,7 @@ def _camera(table: Mapping[str, object]) -> CalibratedCamera:
     )
     if {"image_width", "image_height"} <= table.keys():
         table = {"size": [table["image_width"], table["image_height"]], **table}
-    given = _array(table, "distortion")
+    given = _parse_array(table, "distortion")
     given = np.zeros(4) if given is None else given.ravel()
     beyond = (
         f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
@@ -166,44 +167,45 @@ def _camera(table: Mapping[str, object]) -> CalibratedCamera:
     return CalibratedCamera(
         matrix=matrix,
         distortion=complete_coefficients(given[:COEFFICIENTS]),
-        size=_array(table, "size", (2,)),
-        rotation=_rotation(_array(table, "rotation")),
-        translation=_array(table, "translation", (3,)),
+        size=_parse_array(table, "size", (2,)),
+        rotation=_as_rotation_matrix(_parse_array(table, "rotation")),
+        translation=_parse_array(table, "translation", (3,)),
     )
 
 
-def _rotation(given: Floats | None) -> Floats | None:
-    """Return a rotation (3, 3) given as a matrix or as a vector; None for None.
+def _as_rotation_matrix(rotation: Floats | None) -> Floats | None:
+    """Convert a rotation vector (axis times angle in radians) or matrix to (3, 3).
 
-    The vector is its axis times its angle. Raises FormatError for what is no rotation.
+    None stays None. Raises FormatError for what is no rotation.
     """
-    if given is None:
+    if rotation is None:
         return None
-    if given.size == 3:
-        angle = float(np.linalg.norm(given))
+    if rotation.size == 3:
+        angle = float(np.linalg.norm(rotation))
         return (
-            rotation_about(given.ravel(), np.array([angle]))[0]
+            rotation_about(rotation.ravel(), np.array([angle]))[0]
             if angle > 0
             else np.eye(3)
         )
     square = (
-        given.shape == (3, 3) and np.linalg.norm(given @ given.T - np.eye(3)) <= 1e-3
+        rotation.shape == (3, 3)
+        and np.linalg.norm(rotation @ rotation.T - np.eye(3)) <= 1e-3
     )
     require(
-        square and np.linalg.det(given) > 0,
-        f"a rotation that is none (shape {given.shape})",
+        square and np.linalg.det(rotation) > 0,
+        f"a rotation that is none (shape {rotation.shape})",
     )
-    return given
+    return rotation
 
 
-def _array(
+def _parse_array(
     table: Mapping[str, object], field: str, shape: tuple[int, ...] = ()
 ) -> Floats | None:
-    """Return a field as an array of this shape, any for (); None where it has none.
+    """Return a field as an array of `shape`, of any for (); None if it is absent.
 
     OpenCV gives a matrix by its `data`. Raises FormatError for another shape.
     """
-    given = _field(table, field)
+    given = _find_field(table, field)
     if given is None:
         return None
     numbers = given.get("data") if isinstance(given, dict) else given

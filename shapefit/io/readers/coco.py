@@ -16,8 +16,13 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats
 from shapefit.errors import counted, printable
 from shapefit.io.formats import Head
-from shapefit.io.readers.declared import Identity, checked
-from shapefit.io.readers.detections import Detection, as_poses, person_points, who_of
+from shapefit.io.readers.declared import Identity, check_json
+from shapefit.io.readers.detections import (
+    Detection,
+    person_identity,
+    person_points,
+    poses_from_detections,
+)
 from shapefit.io.readers.poses import (
     SPARSEST,
     FormatError,
@@ -71,7 +76,7 @@ class _Annotations(TypedDict, total=False):
 
 
 def is_coco_annotations(head: Head) -> bool:
-    """Whether JSON has annotations beside images or categories."""
+    """Whether a file is JSON with annotations beside images or categories."""
     beside = head.keys & {"images", "categories"}
     return isinstance(head.json, dict) and "annotations" in head.keys and bool(beside)
 
@@ -92,7 +97,7 @@ PARTS = (
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
-    """Read what people annotated: images, annotations, and categories with names.
+    """Read COCO's JSON of annotations: images, their annotations, named categories.
 
     keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible; where one is
     a fraction, all are confidences. Categories may have different landmarks: then all
@@ -100,71 +105,73 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     after those of the body; what else has points is left out and named.
     """
     given = read_json(paths[0])
-    content = checked(_Annotations, given)
-    assert isinstance(given, dict), "`checked` refuses others"
+    content = check_json(_Annotations, given)
+    assert isinstance(given, dict), "`check_json` refuses others"
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
         left_out.update(_keys_of_other_points(stated_keys))
-    names = _Landmarks()
+    names = _CategoryLandmarks()
     for category in content.get("categories") or ():
         names.add(category)
     image_of = {image["id"]: image for image in content.get("images") or ()}
     order = {image: number for number, image in enumerate(image_of)}
     detections = _place_annotations(annotations, names, order, left_out)
     images = [image_of.get(image, _Image(id=image)) for image in order]
-    placed_images = _place_annotated_images(paths[0], images)
+    placed_images = _find_videos(paths[0], images)
     scored = any((points[:, 2] % 1 > 0).any() for points, *_ in detections)
     if scored:
         detections = [
             (_with_confidences(points), image, who) for points, image, who in detections
         ]
-    return as_poses(
+    return poses_from_detections(
         placed_images,
         detections,
         scored=scored,
-        landmark_names=names.all,
+        landmark_names=names.landmark_names,
         edges=names.edges,
         notes=(*names.notes, *_notes_of_left_out(left_out)),
     )
 
 
 def _keys_of_other_points(annotation: Mapping[str, object]) -> list[str]:
-    """Return the keys of an annotation beside `keypoints` that hold points."""
+    """Return the keys of an annotation, beside `keypoints`, whose values are points."""
     return [
         key
         for key, values in annotation.items()
         if ("kpts" in key or key.startswith("keypoints"))
         and key != "keypoints"
-        and _has_points(values)
+        and _has_nonzero(values)
     ]
 
 
-def _has_points(values: object) -> bool:
-    """Whether a list has any number but 0, which stands for what was not found."""
+def _has_nonzero(values: object) -> bool:
+    """Whether a value, or any value in nested lists, is a number other than 0."""
     if isinstance(values, list):
-        return any(map(_has_points, values))
+        return any(map(_has_nonzero, values))
     return isinstance(values, int | float) and values != 0
 
 
 def _place_annotations(
     annotations: Sequence[_Annotation],
-    names: _Landmarks,
+    names: _CategoryLandmarks,
     order: dict[Identity, int],
     left_out: Counter[str],
 ) -> list[Detection]:
-    """Return annotations as detections among the landmarks of all categories.
+    """Turn annotations into detections, with the landmarks of all categories.
 
-    Images that annotations alone name are added to `order`; lists of COCO-WholeBody
-    that are read are taken from `left_out`.
+    `order` numbers the images; those that annotations alone name are added. Lists of
+    COCO-WholeBody that are read are subtracted from `left_out`.
     """
-    whole = any(_has_parts(entry) for entry in annotations)
+    whole = any(_has_whole_body_lists(entry) for entry in annotations)
     detections: list[Detection] = []
     for entry in annotations:
         points = _annotated_points(entry)
         if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
             points = np.concatenate([points, _points_of_parts(entry)])
-            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
+            left_out.subtract(
+                part for part, _ in PARTS if _has_nonzero(entry.get(part))
+            )
         placed = names.place(entry, points)
         if placed is not None:
             image = order.setdefault(entry["image_id"], len(order))
@@ -172,49 +179,50 @@ def _place_annotations(
     return detections
 
 
-def _has_parts(entry: _Annotation) -> bool:
+def _has_whole_body_lists(entry: _Annotation) -> bool:
     """Whether an annotation has one of the lists of COCO-WholeBody."""
     return any(entry.get(part) for part, _ in PARTS)
 
 
-def _described_entry(entry: _Annotation) -> str:
-    """Return an annotation as messages name it."""
+def _describe_entry(entry: _Annotation) -> str:
+    """Return how messages name an annotation: by its id."""
     return f"annotation {entry.get('id', 'without id')}"
 
 
 def _annotated_points(entry: _Annotation) -> Floats:
-    """Return x, y, v of the keypoints of an annotation (p, 3).
+    """Return x, y, v (p, 3) of the keypoints of an annotation.
 
-    They stand in one list, or in one for each. Raises FormatError for others.
+    They are in one list, or in one list for each keypoint. Raises FormatError for
+    others.
     """
-    values = as_numbers(entry["keypoints"], f"keypoints of {_described_entry(entry)}")
+    values = as_numbers(entry["keypoints"], f"keypoints of {_describe_entry(entry)}")
     if values.ndim == 2 and values.shape[1] == 3:
         return values
     if values.ndim != 1:
         what = "pairs" if values.shape[-1:] == (2,) else "lists"
         raise FormatError(
-            f"keypoints of {_described_entry(entry)} are {what}, not x, y, v"
+            f"keypoints of {_describe_entry(entry)} are {what}, not x, y, v"
         )
     fits = len(values) % 3 == 0
     number = f"{len(values)} numbers, not 3 a landmark"
-    require(fits, f"keypoints of {_described_entry(entry)} are {number}")
+    require(fits, f"keypoints of {_describe_entry(entry)} are {number}")
     return values.reshape(-1, 3)
 
 
 def _points_of_parts(entry: _Annotation) -> Floats:
-    """Return x, y, v of feet, face and hands (116, 3), 0 where there is none."""
+    """Return x, y, v (116, 3) of an annotation's feet, face and hands, 0 if absent."""
     parts = []
     for part, count in PARTS:
         given = entry.get(part) or [0.0] * (3 * count)
-        values = as_numbers(given, f"{part} of {_described_entry(entry)}")
+        values = as_numbers(given, f"{part} of {_describe_entry(entry)}")
         fits = values.shape == (3 * count,)
-        require(fits, f"{part} of {_described_entry(entry)} are not {count} landmarks")
+        require(fits, f"{part} of {_describe_entry(entry)} are not {count} landmarks")
         parts.append(values.reshape(count, 3))
     return np.concatenate(parts)
 
 
 def _identity(entry: _Annotation) -> object:
-    """Return the identity of an annotation, as PoseTrack or CVAT states it, or None."""
+    """Return the track id of an annotation, as of PoseTrack or CVAT; None without."""
     attributes = entry.get("attributes")
     stated: list[object] = [entry.get("track_id"), entry.get("person_id")]
     if isinstance(attributes, dict):
@@ -222,8 +230,8 @@ def _identity(entry: _Annotation) -> object:
     return next((who for who in stated if who is not None), None)
 
 
-def _place_annotated_images(path: Path, images: Sequence[_Image]) -> Images:
-    """Return images in the videos, and at the frames, that they state."""
+def _find_videos(path: Path, images: Sequence[_Image]) -> Images:
+    """Return images with video and frame, as they state them or by their file names."""
     videos = [_stated_video(image) for image in images]
     named = any(video is not None for video in videos)
     return place_images(
@@ -235,23 +243,26 @@ def _place_annotated_images(path: Path, images: Sequence[_Image]) -> Images:
 
 
 def _stated_video(image: _Image) -> Identity | None:
-    """Return the video that an image states; None where it states none."""
+    """Return the id of the video of an image; None where it states none."""
     return image.get("vid_id") or image.get("video_id") or None
 
 
 def _stated_frame(image: _Image) -> int | None:
-    """Return the frame number that an image states; None where it states none."""
+    """Return the frame number of an image; None where it states none."""
     numbers = (image.get("frame_id"), image.get("frame_index"))
     return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
 
 
 def _with_confidences(points: Floats) -> Floats:
-    """Return x, y, v (p, 3) with v as a confidence, which is at most 1."""
+    """Return x, y, v (p, 3) with v clipped to 1, as a confidence."""
     return np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)])
 
 
 def _notes_of_left_out(left_out: Mapping[str, int]) -> list[str]:
-    """Return notes on the points of annotations that are not read."""
+    """Return a note for each key of annotations whose points are not read.
+
+    left_out: key -> number of annotations.
+    """
     return [
         f"{printable(key)} of {counted(number, 'annotation')} left out"
         for key, number in sorted(left_out.items())
@@ -260,8 +271,11 @@ def _notes_of_left_out(left_out: Mapping[str, int]) -> list[str]:
 
 
 @dataclass
-class _Landmarks:
-    """The landmarks of all categories, in their order, and those of each."""
+class _CategoryLandmarks:
+    """The landmarks of all categories together, and the columns of each category.
+
+    The arrays of points have a column for each landmark name of any category.
+    """
 
     column_of: dict[str, int] = field(default_factory=dict)
     columns: dict[Identity, list[int]] = field(default_factory=dict)
@@ -272,7 +286,7 @@ class _Landmarks:
     whole_body: bool = False
 
     def add(self, category: _Category) -> None:
-        """Take the landmarks of a category, and its edges, counted from 1."""
+        """Add the landmarks of a category, and its edges."""
         given = category.get("keypoints") or []
         check_names(given, "landmark")
         here = [self.column_of.setdefault(name, len(self.column_of)) for name in given]
@@ -286,7 +300,7 @@ class _Landmarks:
             self.pairs[here[a], here[b]] = None
 
     def place(self, entry: _Annotation, points: Floats) -> Floats | None:
-        """Return x, y, v of an annotation among all landmarks (p, 3), 0 for others.
+        """Place x, y, v of an annotation among all landmarks (p, 3), 0 for others.
 
         They stay as they are where no category names any. None for an annotation that
         is left out, as its category names none. Raises FormatError for another number.
@@ -303,7 +317,7 @@ class _Landmarks:
         landmarks = counted(len(points), "landmark")
         require(
             len(columns) == len(points),
-            f"{_described_entry(entry)} has {landmarks}, and {owner} {len(columns)}",
+            f"{_describe_entry(entry)} has {landmarks}, and {owner} {len(columns)}",
             "correct the keypoints of the category, or of the annotations",
         )
         placed = np.zeros((len(self.column_of), 3))
@@ -311,7 +325,7 @@ class _Landmarks:
         return placed
 
     def _columns_of(self, entry: _Annotation) -> Sequence[int] | None:
-        """Return the columns of an annotation's landmarks; None if it is left out.
+        """Return the columns of an annotation's landmarks; None if it must be left out.
 
         Those of its category, or of an unknown one those that all share, which is
         counted for `notes`. Raises FormatError where they do not share them.
@@ -324,7 +338,7 @@ class _Landmarks:
             self.unknown["without a category" if category is None else absent] += 1
             return next(iter(self.columns.values()))
         if columns is None:
-            problem = f"{_described_entry(entry)} is of category {category}"
+            problem = f"{_describe_entry(entry)} is of category {category}"
             fix = "add the category, with the names of its keypoints"
             raise FormatError(f"{problem}, which is not among the categories", fix)
         if not columns:
@@ -333,9 +347,10 @@ class _Landmarks:
         return columns
 
     def _is_whole_body(self, columns: Sequence[int], count: int) -> bool:
-        """Whether `count` landmarks are COCO-WholeBody's, with names of the body alone.
+        """Whether a category of the body's names has the landmarks of COCO-WholeBody.
 
-        columns are those of the category. It is remembered in `whole_body`.
+        columns are those of the category, count is the number of landmarks. Once true,
+        it is stored in `whole_body`.
         """
         skeletons = installed_skeletons()
         body = skeletons[BODY].landmark_names
@@ -345,22 +360,22 @@ class _Landmarks:
         return whole
 
     @property
-    def all(self) -> tuple[str, ...] | None:
-        """The names of the landmarks; None where the file has none."""
+    def landmark_names(self) -> tuple[str, ...] | None:
+        """The names of all landmarks; None where the file has none."""
         if self.whole_body:
             return installed_skeletons()[WHOLE_BODY].landmark_names
         return tuple(self.column_of) or None
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of landmarks that the skeletons of categories join, by position."""
+        """Index pairs of landmarks that the skeletons of categories join."""
         if self.whole_body:
             return bones_of(installed_skeletons()[WHOLE_BODY].landmark_names)
         return tuple(self.pairs)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on annotations that were left out, or taken to be like others."""
+        """Notes on annotations left out, and on those without a known category."""
         left_out = [
             f"{counted(number, 'annotation')} of category {printable(name)} left out,"
             " which names no keypoints"
@@ -379,7 +394,7 @@ class _Result(TypedDict, total=False):
 
 
 def is_coco_results(head: Head) -> bool:
-    """Whether a list has keypoints with the image of each."""
+    """Whether a file is a JSON list of objects with image_id and keypoints."""
     return isinstance(head.json, list) and {"image_id", "keypoints"} <= head.keys
 
 
@@ -399,14 +414,14 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     frames are in their order.
     """
     content = read_json(paths[0])
-    checked(list[_Result], content)
-    assert isinstance(content, list), "`checked` refuses others"
+    check_json(list[_Result], content)
+    assert isinstance(content, list), "`check_json` refuses others"
     number_of: dict[Identity, int] = {}
     detections: list[Detection] = []
     for entry in content:
         image = number_of.setdefault(entry["image_id"], len(number_of))
         points = person_points(entry, needed=True)
-        detections.append((points, image, who_of(entry)))
+        detections.append((points, image, person_identity(entry)))
     # Numbers of images alone are those of frames only where few are absent.
     numbered = all(isinstance(image, int) for image in number_of)
     if numbered:
@@ -419,4 +434,4 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
         [*map(str, number_of)],
         sparsest=SPARSEST_IDS if numbered else SPARSEST,
     )
-    return as_poses(images, detections, hide_unscored=False)
+    return poses_from_detections(images, detections, hide_unscored=False)

@@ -31,17 +31,17 @@ NAMES_OF_KINDS = {
 """What a value should be, by how the types of pydantic's errors begin."""
 
 
-def checked(kind: type[Kind], content: object) -> Kind:
-    """Return content as of the declared kind, without keys that are not declared.
+def check_json(kind: type[Kind], content: object) -> Kind:
+    """Check parsed JSON against a declared type; return it without undeclared keys.
 
-    Raises FormatError that names the place of the first value of another kind.
+    Raises FormatError that names the place of the first value of another type.
     """
     try:
         values: Kind = _adapter(cast(Hashable, kind)).validate_python(content)
     except ValidationError as error:
         first, *others = error.errors(include_url=False, include_context=False)
         path = _existing_path(content, first["loc"])
-        place = _as_text(path)
+        place = _format_path(path)
         if first["type"] == "missing":
             within = f" in {place}" if place else ""
             problem = f"there is no {printable(first['loc'][-1])!r}{within}"
@@ -56,21 +56,21 @@ def checked(kind: type[Kind], content: object) -> Kind:
     return values
 
 
-def parsed(kind: type[Kind], text: str, what: str) -> Kind:
-    """Return the content of a text of JSON, as `checked` does; `what` is its field.
+def parse_json(kind: type[Kind], text: str, subject: str) -> Kind:
+    """Parse a text of JSON, and check it against a declared type, see `check_json`.
 
-    Raises FormatError for what is not JSON, too.
+    The subject names the text in messages. FormatError, too, for what is not JSON.
     """
     try:
         content = orjson.loads(text)
     except ValueError as error:
-        raise FormatError(f"{what} is not whole JSON") from error
-    return checked(kind, content)
+        raise FormatError(f"{subject} is not whole JSON") from error
+    return check_json(kind, content)
 
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    """Return pydantic's validator of a kind; it is made once."""
+    """Return pydantic's validator of a declared type, which is cached."""
     return TypeAdapter(kind)
 
 
@@ -78,34 +78,34 @@ Path = tuple[int | str, ...]
 
 
 def _existing_path(content: Any, location: Sequence[int | str]) -> Path:
-    """Return the keys and numbers of a location that are there in the content.
+    """Return the keys and indices at the start of `location` that exist in `content`.
 
     pydantic adds names of its own to those that lead to a value.
     """
     path: list[int | str] = []
     for step in location:
         has_key = isinstance(content, Mapping) and step in content
-        if not has_key and not _has_place(content, step):
+        if not has_key and not _has_index(content, step):
             break
         content = content[step]
         path.append(step)
     return tuple(path)
 
 
-def _has_place(content: Any, step: int | str) -> bool:
-    """Whether a value is a list that is long enough to have this place."""
-    return isinstance(content, list) and isinstance(step, int) and step < len(content)
+def _has_index(content: Any, index: int | str) -> bool:
+    """Whether a value is a list that has this index."""
+    return isinstance(content, list) and isinstance(index, int) and index < len(content)
 
 
 def _value_at(content: Any, path: Path) -> Any:
-    """Return the value to which keys and numbers lead."""
+    """Return the value in nested content at a path of keys and indices."""
     for step in path:
         content = content[step]
     return content
 
 
-def _as_text(path: Path) -> str:
-    """Return keys and numbers as `annotations[3].keypoints`."""
+def _format_path(path: Path) -> str:
+    """Format a path of keys and indices as `annotations[3].keypoints`."""
     steps = (
         f"[{step}]" if isinstance(step, int) else f".{printable(step)[:40]}"
         for step in path
@@ -114,7 +114,7 @@ def _as_text(path: Path) -> str:
 
 
 def _describe_value(value: object) -> str:
-    """Return what messages call a value: an object, a list, or else its JSON."""
+    """Describe a value of JSON in messages: `an object`, `a list`, or else its JSON."""
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

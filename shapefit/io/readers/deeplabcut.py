@@ -22,8 +22,8 @@ from shapefit.io.readers.poses import (
     Poses,
     library_reads,
     number_labels,
-    of_frames,
     place_images,
+    poses_from_frames,
     require,
     video_name,
 )
@@ -37,7 +37,7 @@ TableColumns = list[tuple[str, ...]]
 
 
 class TableRows(TypedDict, total=False):
-    """Fields of `of_frames` that say what the rows are."""
+    """Fields of `poses_from_frames` that say what the rows are."""
 
     labels: Sequence[str]
     frames: Integers
@@ -52,7 +52,7 @@ MANY = 10**9
 def is_csv(head: Head) -> bool:
     """Whether a text begins with DeepLabCut's rows of names.
 
-    What is seen of the file can end in one of them.
+    A row can be cut off, where the head of the file ends.
     """
     lines = [decode(line) for line in head.lines[:3]]
     first, *others = row_names(lines)
@@ -74,11 +74,11 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     text = read_text(path)
-    delimiter = _delimiter(text)
-    if _is_numbered(text, delimiter):
+    delimiter = _find_delimiter(text)
+    if _has_row_numbers(text, delimiter):
         rows = text.split("\n")
         text = "\n".join(row.partition(delimiter)[2] for row in rows)
-    levels = _read_levels(text, delimiter)
+    levels = _read_name_rows(text, delimiter)
     columns = _columns_of_levels(levels)
     placed = [number for number, column in enumerate(columns) if number and column[-1]]
     first = text.split("\n", len(levels))[-1].partition(delimiter)[0].strip('" ')
@@ -91,17 +91,17 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     if numbered:
         values = table.numbers([0, *placed])
         return _poses_of_columns(
-            path, retained, values[:, 1:], _rows_of_numbers(values[:, 0])
+            path, retained, values[:, 1:], _rows_by_frame(values[:, 0])
         )
     parts = table.texts(*range(min(placed, default=1)))
     images = ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
     return _poses_of_columns(
-        path, retained, table.numbers(placed), _rows_of_images(path, images)
+        path, retained, table.numbers(placed), _rows_by_image(path, images)
     )
 
 
-def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
-    """Return first cell -> all cells of each line of names at the beginning."""
+def _read_name_rows(text: str, delimiter: str) -> dict[str, list[str]]:
+    """Read the rows of column names at the beginning: first cell -> all cells."""
     first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
     with library_reads("the lines of names have no end"):
         rows = [*csv.reader(first_lines, delimiter=delimiter)]
@@ -116,7 +116,7 @@ def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
 
 
 def _columns_of_levels(levels: Mapping[str, list[str]]) -> TableColumns:
-    """Return the names (scorer, individual, landmark, coordinate) of each column.
+    """Return (scorer, [individual,] landmark, coordinate) of each column of a table.
 
     levels: the lines of names at the beginning of the table, by what they name. The
     first column is that of the frames; scorers are left empty. Raises FormatError
@@ -139,30 +139,30 @@ def is_hdf5(head: Head) -> bool:
 
 
 def row_names(lines: Sequence[str]) -> list[str]:
-    """Return the names of the first rows of a table, which are their first cells.
+    """Return the first cells of lines of a table, which name its header rows.
 
     A column of pandas before these does not count.
     """
-    delimiter = _delimiter(lines[0])
-    column = 1 if _is_numbered(lines[0], delimiter) else 0
+    delimiter = _find_delimiter(lines[0])
+    column = 1 if _has_row_numbers(lines[0], delimiter) else 0
     rows = [line.split(delimiter) for line in lines]
     return [row[column].strip(" \"'") if len(row) > column else "" for row in rows]
 
 
-def _delimiter(text: str) -> str:
-    """Return what the first line has most often: a comma, a semicolon or a tab."""
+def _find_delimiter(text: str) -> str:
+    """Return the most frequent of comma, semicolon and tab in the first line."""
     first = text.partition("\n")[0]
     return max((",", ";", "\t"), key=first.count)
 
 
-def _is_numbered(text: str, delimiter: str) -> bool:
-    """Whether a column without a name, or of numbers, stands before that of names."""
+def _has_row_numbers(text: str, delimiter: str) -> bool:
+    """Whether a column of row numbers, as pandas writes it, precedes that of names."""
     cells = [cell.strip(' "') for cell in text.partition("\n")[0].split(delimiter, 2)]
     return len(cells) > 1 and cells[0] not in HEADER and cells[1] in HEADER
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
-    """Read a table that pandas wrote, in one of its two layouts, without pandas.
+    """Read DeepLabCut's HDF5, a table that pandas wrote, without pandas.
 
     *table* (predictions): KEY/table has an index and blocks of numbers, whose column
     names are pickled in an attribute.
@@ -177,8 +177,8 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             f"the tables {', '.join(keys)}; save one of them in its own file",
         )
         (key,) = keys
-        if file.is_dataset(f"{key}/table"):
-            rows = np.asarray(file.rows(f"{key}/table"))
+        if file.has_dataset(f"{key}/table"):
+            rows = np.asarray(file.read_rows(f"{key}/table"))
             fields: tuple[str, ...] = rows.dtype.names or ()
             require("index" in fields, "a table without an index")
             index = rows["index"]
@@ -188,30 +188,30 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
                 )
                 blocks.append(rows[field].reshape(len(rows), -1))
         else:
-            while file.is_dataset(block := f"{key}/block{len(blocks)}_values"):
+            while file.has_dataset(block := f"{key}/block{len(blocks)}_values"):
                 values = file.numbers(block)
                 blocks.append(
                     values if file.attribute("transposed", block) else values.T
                 )
-                columns += _names_of_codes(file, block.replace("_values", "_items"))
-            images = _names_of_codes(file, f"{key}/axis1")
+                columns += _read_multi_index(file, block.replace("_values", "_items"))
+            images = _read_multi_index(file, f"{key}/axis1")
             index = np.array(["/".join(filter(None, row)) for row in images], object)
-            index = index if images else np.ravel(file.rows(f"{key}/axis1"))
+            index = index if images else np.ravel(file.read_rows(f"{key}/axis1"))
     if index.dtype.kind in "iuf":
-        rows_are = _rows_of_numbers(np.asarray(index, np.float64))
+        table_rows = _rows_by_frame(np.asarray(index, np.float64))
     else:
-        rows_are = _rows_of_images(paths[0], [*map(str, index.tolist())])
+        table_rows = _rows_by_image(paths[0], [*map(str, index.tolist())])
     require(blocks, "no columns of coordinates")
     alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
     numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
     require(numeric, "blocks of other lengths than the index, or not of numbers")
     values = np.concatenate(blocks, axis=1).astype(np.float64)
     require(values.shape == (len(index), len(columns)), f"{values.shape} values")
-    return _poses_of_columns(paths[0], columns, values, rows_are)
+    return _poses_of_columns(paths[0], columns, values, table_rows)
 
 
-def _rows_of_numbers(index: Floats) -> TableRows:
-    """Return the labels and frames of rows whose index (n,) is the number of a frame.
+def _rows_by_frame(index: Floats) -> TableRows:
+    """Return the labels and frames of rows whose index (n,) is a frame number.
 
     Raises FormatError for no whole number.
     """
@@ -222,8 +222,8 @@ def _rows_of_numbers(index: Floats) -> TableRows:
     return {"labels": labels, "frames": frames - frames.min(initial=MAX_FRAME)}
 
 
-def _rows_of_images(path: Path, images: Sequence[str]) -> TableRows:
-    """Return the labels, frames and videos of rows whose index is an image's path.
+def _rows_by_image(path: Path, images: Sequence[str]) -> TableRows:
+    """Return the labels, frames and videos of rows whose index is the path of an image.
 
     They are labelled frames of videos, in a folder each, whose names end in the number
     of the frame.
@@ -240,19 +240,19 @@ def _rows_of_images(path: Path, images: Sequence[str]) -> TableRows:
 
 
 class NameUnpickler(pickle._Unpickler):
-    """Reads lists and tuples of names: whatever a pickle asks to import is refused.
+    """An unpickler of lists and tuples of names, which refuses all imports.
 
     It is pickle's own in Python: that in C makes room for as many objects as a damaged
     file says.
     """
 
     def find_class(self, module: str, name: str) -> NoReturn:
-        """Raise FormatError for all that a pickle asks to import, and could call."""
+        """Raise FormatError, as a pickle asks to import `name` and could call it."""
         raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
 def _unpickle_names(pickled: object) -> TableColumns:
-    """Return the names of columns, a list of tuples, that an attribute has pickled."""
+    """Unpickle the names of columns, a list of tuples, from an attribute's value."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
     if not isinstance(data, bytes):
         raise FormatError("the names of its columns are missing")
@@ -263,16 +263,16 @@ def _unpickle_names(pickled: object) -> TableColumns:
     return [tuple(map(str, name)) for name in names]
 
 
-def _names_of_codes(file: TrackerFile, start: str) -> TableColumns:
-    """Return the tuples of names for which levels and codes of HDF5 stand.
+def _read_multi_index(file: TrackerFile, start: str) -> TableColumns:
+    """Read pandas' MultiIndex from datasets of levels and codes, as tuples of names.
 
-    start: what their datasets begin with; [] where there are none. A code of -1 is "".
+    start: what their names begin with; [] where there are none. A code of -1 is "".
     Raises FormatError for codes that have no name.
     """
     levels: list[list[str]] = []
-    while file.is_dataset(place := f"{start}_level{len(levels)}"):
+    while file.has_dataset(place := f"{start}_level{len(levels)}"):
         names = [*file.texts(place), ""]
-        codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
+        codes = np.ravel(file.read_rows(f"{start}_label{len(levels)}"))
         known = codes.dtype.kind in "iu" and (codes < len(names) - 1).all()
         require(known and (codes >= -1).all(), f"{place} lacks names of columns")
         levels.append([names[code] for code in codes.tolist()])
@@ -285,9 +285,9 @@ COORDINATES = ("x", "y", "z", "likelihood")
 
 
 def _poses_of_columns(
-    path: Path, columns: TableColumns, values: Floats, rows_are: TableRows
+    path: Path, columns: TableColumns, values: Floats, rows: TableRows
 ) -> Poses:
-    """Return the poses of rows (n, columns), each individual a pose of the frame.
+    """Make Poses of a table's values (n, columns): one for each row and individual.
 
     A landmark that only some individuals have is missing for the others. Columns of
     other coordinates are left out, with a note. Raises FormatError for columns that
@@ -332,11 +332,11 @@ def _poses_of_columns(
         points[confidence < 0] = (
             np.nan
         )  # what newer versions write for animals not found
-    return of_frames(
+    return poses_from_frames(
         path,
         points,
         confidence,
-        **rows_are,
+        **rows,
         landmark_names=landmarks,
         individuals=individuals if named else None,
         notes=(f"columns left out: {abbreviate(others)}",) if others else (),

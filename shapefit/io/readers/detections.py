@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FIRST, Head
-from shapefit.io.readers.declared import Identity, checked
+from shapefit.io.readers.declared import Identity, check_json
 from shapefit.io.readers.poses import (
     FRACTION,
     Edges,
@@ -27,16 +27,16 @@ from shapefit.io.readers.poses import (
     Poses,
     UnitFields,
     as_numbers,
+    guess_unit,
     library_reads,
     name_individual,
     parsing,
     require,
     series_numbers,
     skeleton_edges,
-    unit_of,
     video_name,
 )
-from shapefit.io.readers.text import floats, read_json, read_text
+from shapefit.io.readers.text import parse_floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
 Detection = tuple[Floats, int, object]
@@ -65,7 +65,7 @@ LEFT_OUT = (
 
 
 def is_openpose(head: Head) -> bool:
-    """Whether JSON has people with landmarks, or none."""
+    """Whether a file is OpenPose's JSON: `people` with landmarks, or nobody."""
     if not isinstance(head.json, dict):
         return False
     people = head.json.get("people")
@@ -73,11 +73,11 @@ def is_openpose(head: Head) -> bool:
         return head.json.keys() == {"version"}  # an image without people
     if not isinstance(people, list):
         return False
-    return not people or bool(_keys_of(people) & {*LISTS, *LEFT_OUT})
+    return not people or bool(_all_keys(people) & {*LISTS, *LEFT_OUT})
 
 
 def is_people_of_an_image(head: Head) -> bool:
-    """Whether JSON is a list of people, which does not say of which image they are.
+    """Whether a file is a JSON list of people with keypoints, without image ids.
 
     It may be empty. Their keypoints are pairs, or lists of x and of y.
     """
@@ -91,19 +91,19 @@ def is_people_of_an_image(head: Head) -> bool:
 
 
 def _are_keypoints(keypoints: object) -> bool:
-    """Whether JSON is a list of pairs, [x, y], or an object of lists "x" and "y"."""
+    """Whether JSON is a list of [x, y, ...] lists, or an object with "x" and "y"."""
     if isinstance(keypoints, dict):
         return {"x", "y"} <= keypoints.keys()
     return isinstance(keypoints, list) and isinstance(keypoints[0], list)
 
 
-def _keys_of(people: Sequence[object]) -> set[str]:
-    """Return the keys of all people that are objects."""
+def _all_keys(people: Sequence[object]) -> set[str]:
+    """Return the keys that any of the people has, of those that are objects."""
     return {key for one in people if isinstance(one, dict) for key in one}
 
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
-    """Read files of JSON, each with the people in one image.
+    """Read files of JSON, each with the detected people of one image.
 
     They are OpenPose's, or lists as MMPose, Hugging Face and Ultralytics write them.
 
@@ -122,42 +122,42 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
                 others = content.keys() - {"version"}
                 require("people" in content or not others, "there is no list of people")
                 content = content.get("people", [])
-            people = _people_of(content)
+            people = _check_people(content)
             detections += _detections_of(people, number)
             for person in people:
                 left_out.update(one for one in LEFT_OUT if any(person.get(one) or ()))
     names = listed(left_out, "and") if left_out else ""
     note = f"landmarks beside those of the body left out: {names}"
-    return as_poses(images, detections, notes=(note,) if left_out else ())
+    return poses_from_detections(images, detections, notes=(note,) if left_out else ())
 
 
-def _people_of(content: object) -> list[dict[str, Any]]:
-    """Return the list of people in a file; FormatError for no list of objects."""
+def _check_people(content: object) -> list[dict[str, Any]]:
+    """Check that parsed JSON is a list of people (objects), and return it."""
     require(isinstance(content, list), "no list of people")
-    return checked(list[dict[str, Any]], content)
+    return check_json(list[dict[str, Any]], content)
 
 
 def _detections_of(
     people: Sequence[Mapping[str, object]], image: int, *, needed: bool = False
 ) -> list[Detection]:
-    """Return the detections of an image, one for each of its people.
+    """Return a detection for each of the people in image number `image`.
 
-    These may have no landmarks, unless they are `needed`: then FormatError.
+    People without landmarks raise FormatError if landmarks are `needed`.
     """
     detections: list[Detection] = []
     for person in people:
         points = person_points(person, needed=needed)
-        detections.append((points, image, who_of(person)))
+        detections.append((points, image, person_identity(person)))
     return detections
 
 
-def who_of(person: Mapping[str, object]) -> object:
-    """Return the identity that a file states of a person; None for none."""
+def person_identity(person: Mapping[str, object]) -> object:
+    """Return the id or track of a person, None if its file states none."""
     return _first_value(person, WHO)
 
 
 def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floats:
-    """Return x, y, confidence of the landmarks of a person (p, 3).
+    """Return x, y, confidence (p, 3) of the landmarks of a person.
 
     Without any (0, 3), or FormatError where they are `needed`.
 
@@ -190,7 +190,7 @@ def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floa
 
 
 def _points_of_lists(given: Mapping[str, object]) -> Floats:
-    """Return x, y, confidence (p, 3) of lists `x`, `y` and, if any, `visible`."""
+    """Return x, y, confidence (p, 3) from lists `x`, `y` and, if any, `visible`."""
     require({"x", "y"} <= given.keys(), "keypoints without lists of x and y")
     x, y = (as_numbers(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
     seen = given.get("visible")
@@ -201,7 +201,7 @@ def _points_of_lists(given: Mapping[str, object]) -> Floats:
 
 
 def _first_value(content: Mapping[str, object], keys: Sequence[str]) -> object:
-    """Return the value of the first of these keys that has one; None without any."""
+    """Return the first value that is not None under these keys, None without any."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
 
@@ -220,7 +220,7 @@ def is_yolo(head: Head) -> bool:
     lines = (line.strip() for line in head.lines)
     first = next((line for line in lines if line and not line.startswith(b"#")), b"")
     try:
-        kind, *numbers = map(float, first.split() if head.named(".txt") else ())
+        kind, *numbers = map(float, first.split() if head.has_suffix(".txt") else ())
     except ValueError:
         return False
     box, point = numbers[:4], numbers[4:6]
@@ -237,7 +237,7 @@ class _DataYaml(TypedDict, total=False):
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
-    """Read YOLO's labels: a line for each detection, in fractions of the image.
+    """Read files of YOLO's labels: a line for each detection, in fractions of an image.
 
     A line is class, centre and size of a box, and x, y and v of each landmark;
     predictions may end in a score and a track. v is 0 (missing), 1, 2, or a confidence.
@@ -252,10 +252,10 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     detections: list[Detection] = []
     for number, row in rows:
         with parsing(files[number], "labels of YOLO", f"check kpt_shape in {DATA}"):
-            points, who = _split_label(row, count, step, alone=not data)
+            points, who = _parse_label(row, count, step, alone=not data)
         detections.append((points, number, who))
     marks = [points[:, 2] for points, *_ in detections]
-    return as_poses(
+    return poses_from_detections(
         images,
         detections,
         scored=any(not np.isin(values, (0, 1, 2)).all() for values in marks),
@@ -266,7 +266,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_data_yaml(folder: Path) -> _DataYaml:
-    """Return data.yaml in this folder, or the nearest of three above it; {} without.
+    """Read data.yaml in a folder, or in the nearest of three above it; {} without one.
 
     Raises InputError for what is no YAML, or has other values.
     """
@@ -280,7 +280,7 @@ def _read_data_yaml(folder: Path) -> _DataYaml:
     with parsing(path, "YAML", "correct it"):
         with library_reads("it is no YAML"):
             content = YAML(typ="safe", pure=True).load(path)
-        return checked(_DataYaml, content if isinstance(content, dict) else {})
+        return check_json(_DataYaml, content if isinstance(content, dict) else {})
 
 
 Label = tuple[int, list[float]]
@@ -288,7 +288,7 @@ Label = tuple[int, list[float]]
 
 
 def _read_labels(files: Sequence[Path]) -> list[Label]:
-    """Return the file number and the numbers of each line that is not a comment.
+    """Read label files; return the file's index and the numbers of each line.
 
     Raises InputError, naming the line, for what is no number.
     """
@@ -298,12 +298,12 @@ def _read_labels(files: Sequence[Path]) -> list[Label]:
             with parsing(f"{file}:{line}", "a label of YOLO"):
                 cells = text.partition("#")[0].split()
                 if cells:
-                    rows.append((number, floats(cells)))
+                    rows.append((number, parse_floats(cells)))
     return rows
 
 
 def _shape_of_labels(data: _DataYaml, rows: Sequence[Label]) -> tuple[int, int]:
-    """Return the number of landmarks of a line, and of the values of each of them.
+    """Return how many landmarks a line has, and how many values each landmark has.
 
     As data.yaml says, else as many landmarks of three as the shortest line holds.
     Raises FormatError for another `kpt_shape`.
@@ -316,10 +316,10 @@ def _shape_of_labels(data: _DataYaml, rows: Sequence[Label]) -> tuple[int, int]:
     return count, step
 
 
-def _split_label(
+def _parse_label(
     row: Sequence[float], count: int, step: int, *, alone: bool
 ) -> tuple[Floats, float | None]:
-    """Return x, y, v of the landmarks of a line (p, 3), and its track, None without.
+    """Return x, y, v (p, 3) of the landmarks of a line, and its track id or None.
 
     The line begins with its class and box; each of `count` landmarks has `step`
     numbers, 2 or 3. Where no data.yaml stands beside the lines (`alone`), v must be 0,
@@ -338,7 +338,7 @@ def _split_label(
 
 
 def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
-    """Return the names of `count` landmarks, by data.yaml; else their numbers.
+    """Return the names of `count` landmarks by data.yaml, else numbers as names.
 
     None for people, whose names are known, and for no landmarks.
     """
@@ -354,7 +354,9 @@ def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
 
 
 def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
-    """Return the files of a folder, or these, in order, and the images of each.
+    """Sort files, or those of a folder, by frame number; return them and their Images.
+
+    Each file is of one image.
 
     Where names differ in one number alone it is that of the frame; else each is that of
     an image. Raises InputError for links that lead nowhere, pipes and devices, which
@@ -402,7 +404,7 @@ class _TrackedVideo(TypedDict, total=False):
 
 
 def is_mmpose_video(head: Head) -> bool:
-    """Whether JSON has instances of frames, or of one image, as MMPose names them."""
+    """Whether a file is MMPose's JSON of instances in frames, or in one image."""
     if isinstance(head.json, dict):
         return "instance_info" in head.keys
     return isinstance(head.json, list) and "instances" in head.keys
@@ -419,21 +421,21 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     content = read_json(paths[0])
     meta: _Meta = {}
     if isinstance(content, dict):
-        video = checked(_TrackedVideo, content)
+        video = check_json(_TrackedVideo, content)
         meta, content = video.get("meta_info") or {}, video["instance_info"]
         if content and "instances" not in content[0]:  # of one image
             content = [{"frame_id": 0, "instances": content}]
-    frames = checked(list[_Frame], content)
-    numbers, labels = _frames_of([frame.get("frame_id") for frame in frames])
+    frames = check_json(list[_Frame], content)
+    numbers, labels = _number_frames([frame.get("frame_id") for frame in frames])
     detections: list[Detection] = []
     for number, frame in enumerate(frames):
-        people = _people_of(frame["instances"])
+        people = _check_people(frame["instances"])
         detections += _detections_of(people, number, needed=True)
     names = meta.get("keypoint_id2name") or {}
     whole = {*names} == {*map(str, range(len(names)))}
     require(whole, "keypoint_id2name does not number the landmarks from 0 on")
     video_of = [video_name(paths[0])] * len(frames)
-    return as_poses(
+    return poses_from_detections(
         Images(str(paths[0]), video_of, numbers, labels),
         detections,
         landmark_names=tuple(names[str(number)] for number in range(len(names)))
@@ -442,8 +444,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _frames_of(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
-    """Return the numbers of frames from the first on, and their labels.
+def _number_frames(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
+    """Convert stated frame ids to frames, 0 for the least, and labels of frames.
 
     They are in the order of the file where not all have a number.
 
@@ -461,7 +463,7 @@ def _frames_of(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]
 # What all have in common.
 
 
-def as_poses(
+def poses_from_detections(
     images: Images,
     detections: Sequence[Detection],
     *,
@@ -472,7 +474,7 @@ def as_poses(
     edges: Edges = (),
     notes: tuple[str, ...] = (),
 ) -> Poses:
-    """Return detections in images as poses, in the order of videos and frames.
+    """Make Poses of detections in images, in the order of videos and frames.
 
     A landmark is missing where it has no number, and to `hide_unscored`, where its
     confidence is not above 0. Confidences of AlphaPose run to 6, or to 1 with newer
@@ -481,7 +483,7 @@ def as_poses(
     numbers of landmarks.
     """
     detections = _order_detections(images, detections)
-    values = _stack(images, detections, len(landmark_names or ()))
+    values = _stack_points(images, detections, len(landmark_names or ()))
     confidence = values[..., 2]
     if scored and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
@@ -491,7 +493,7 @@ def as_poses(
     individuals, doubled = _name_people(detections)
     image_of = [image for _, image, _ in detections]
     in_unit: UnitFields = {"unit": unit or "", "size_needed": False}
-    stated = unit_of(points) if unit is None else in_unit
+    stated = guess_unit(points) if unit is None else in_unit
     return Poses(
         name=images.name,
         video=[images.videos[image] for image in image_of],
@@ -512,19 +514,20 @@ def as_poses(
 def _order_detections(
     images: Images, detections: Sequence[Detection]
 ) -> list[Detection]:
-    """Return detections in the order of videos and frames."""
+    """Sort detections by video and frame of their images."""
     place = {video: number for number, video in enumerate(dict.fromkeys(images.videos))}
     order = [(place[images.videos[i]], images.frames[i]) for _, i, _ in detections]
     ranked = sorted(range(len(detections)), key=order.__getitem__)
     return [detections[row] for row in ranked]
 
 
-def _stack(images: Images, detections: Sequence[Detection], expected: int) -> Floats:
-    """Return x, y, confidence of all detections (N, p, 3), NaN for one without any.
+def _stack_points(
+    images: Images, detections: Sequence[Detection], expected: int
+) -> Floats:
+    """Stack x, y, confidence of detections (N, p, 3), NaN for those without landmarks.
 
-    p is as `expected` where none has any.
-
-    Raises InputError where detections have different numbers of landmarks.
+    p is `expected` where none has landmarks. Raises InputError where detections have
+    different numbers of landmarks.
     """
     sizes = Counter(len(points) for points, *_ in detections if len(points))
     if len(sizes) > 1:
@@ -540,9 +543,9 @@ def _stack(images: Images, detections: Sequence[Detection], expected: int) -> Fl
 
 
 def _name_people(detections: Sequence[Detection]) -> tuple[list[str], tuple[str, ...]]:
-    """Return the individual of each detection, and a note where these are not used.
+    """Return the individual's name of each detection, and notes.
 
-    They are not where some are twice in a frame, and "" then: some tools number the
+    Where some are twice in a frame all are "", with a note: some tools number the
     people of each frame anew.
     """
     individuals = [name_individual(who) for *_, who in detections]

@@ -82,10 +82,10 @@ Body = Mapping[str, Axes]
 
 
 class Header(NamedTuple):
-    """Names of all columns; roles -> column; the bodies of a wide table, none of a long
-    one.
+    """The columns of a table: their names, role -> column, the bodies of a wide table.
 
-    `line` is that of the names.
+    A long table, with a row per landmark, has no bodies. `line` is the number of the
+    line of names.
     """
 
     delimiter: str
@@ -96,20 +96,23 @@ class Header(NamedTuple):
 
     @property
     def is_long(self) -> bool:
-        """Whether it has a row per landmark."""
+        """Whether the table has a row per landmark, not per image."""
         return not self.bodies
 
     @property
-    def triangulated(self) -> bool:
-        """Whether it is anipose's: points in 3D with the number of cameras."""
+    def is_triangulated(self) -> bool:
+        """Whether the table has anipose's columns of the number of cameras."""
         return any(name.endswith("_ncams") for name in self.names)
 
-    def called(self, column: int) -> str:
-        """Return what a column is called in messages."""
+    def describe(self, column: int) -> str:
+        """Return how messages name a column, by its index."""
         return f"'{self.names[column]}'" if self.names[column] else "without a name"
 
-    def unused(self, used: Collection[int]) -> list[str]:
-        """Return the names of the columns that are not used, and what they may mean."""
+    def list_unused(self, used: Collection[int]) -> list[str]:
+        """Return names of columns that are not `used`, with guesses at misspelt ones.
+
+        For instance `likelyhood (likelihood?)`.
+        """
         names = []
         for column, name in enumerate(self.names):
             if column not in used:
@@ -122,7 +125,7 @@ class Header(NamedTuple):
 
 
 def parse_header(text: str) -> Header | None:
-    """Parse the first line of a table as the names of its columns; None for no header.
+    """Parse the first line of a table as names of columns; None if it is no header.
 
     After `sep=;` it is the second line. The columns must be landmark, x and y, or x and
     y of two landmarks at least.
@@ -136,12 +139,12 @@ def parse_header(text: str) -> Header | None:
         with library_reads("the header has a cell without an end"):
             cells = next(csv.reader([first.rstrip("\r")], delimiter=delimiter), [])
         names = [cell.replace('"', "").strip() for cell in cells]
-        if header := _header_of_names(delimiter, line, names):
+        if header := _interpret_names(delimiter, line, names):
             return header
     return None
 
 
-class _Place(NamedTuple):
+class _LandmarkColumn(NamedTuple):
     """A column of a landmark in a wide table."""
 
     column: int
@@ -150,13 +153,13 @@ class _Place(NamedTuple):
     capital: bool
 
 
-def _header_of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
-    """Return the header of columns of these names; None where none is a landmark's.
+def _interpret_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
+    """Make a Header of the names of columns; None where none is of a landmark.
 
     line: the number of the line of names.
     """
     roles: dict[str, int] = {}
-    places: list[_Place] = []
+    columns: list[_LandmarkColumn] = []
     for column, name in enumerate(names):
         role = ROLES.get(name.lower().replace(" ", "_"))
         matches = (pattern.fullmatch(name) for pattern in _OF_LANDMARK)
@@ -166,28 +169,28 @@ def _header_of_names(delimiter: str, line: int, names: Sequence[str]) -> Header 
         elif match is not None:
             axis = ROLES.get(match["axis"].lower(), "confidence")
             capital = match["axis"].isupper()
-            places.append(_Place(column, match["name"], axis, capital))
+            columns.append(_LandmarkColumn(column, match["name"], axis, capital))
     if {"landmark", "x", "y"} <= roles.keys():
         return Header(delimiter, line, names, roles, ())
-    bodies = _header_bodies(places)
+    bodies = _group_bodies(columns)
     return Header(delimiter, line, names, roles, bodies) if bodies else None
 
 
-def _header_bodies(places: Sequence[_Place]) -> list[Body]:
-    """Return the bodies whose landmarks stand in these columns, the largest first.
+def _group_bodies(columns: Sequence[_LandmarkColumn]) -> list[Body]:
+    """Group the columns of landmarks into bodies, the largest first.
 
     x and X of a landmark are two bodies, as OpenFace has pixels and millimetres; so are
     landmarks with z and without, unless confidences say that z is a guess.
     """
-    seen = {(place.landmark, place.axis, place.capital) for place in places}
+    seen = {(one.landmark, one.axis, one.capital) for one in columns}
     by_case = any((*key[:2], not key[2]) in seen for key in seen)
     bodies: list[Body] = []
     for capital in (False, True) if by_case else (None,):
         landmarks: dict[str, dict[str, int]] = {}
-        for place in places:
-            if capital is None or place.capital == capital:
-                axes = landmarks.setdefault(place.landmark, {})
-                axes.setdefault(place.axis, place.column)
+        for one in columns:
+            if capital is None or one.capital == capital:
+                axes = landmarks.setdefault(one.landmark, {})
+                axes.setdefault(one.axis, one.column)
         whole = {
             name: axes for name, axes in landmarks.items() if {"x", "y"} <= {*axes}
         }
@@ -195,4 +198,4 @@ def _header_bodies(places: Sequence[_Place]) -> list[Body]:
         deep = {name: axes for name, axes in whole.items() if "z" in axes}
         guessed = any({*WEIGHTS} & {*axes} for axes in whole.values())
         bodies += [whole] if guessed else [flat, deep]
-    return sorted((one for one in bodies if len(one) > 1), key=len, reverse=True)
+    return sorted((body for body in bodies if len(body) > 1), key=len, reverse=True)

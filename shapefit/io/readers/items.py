@@ -31,39 +31,40 @@ from shapefit.records.shapes import Shapes
 Notes = tuple[str, ...]
 
 
-def landmarks_of_files(
-    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
+def read_as_landmarks(
+    file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Landmarks, Notes]:
-    """Return the images of a file of poses, and warnings; InputError for 3D points."""
-    return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
+    """Read files of one format as Landmarks, and notes; InputError for 3D points."""
+    poses = _read_dimensions(file_format, paths, "landmarks", 2)
+    return poses_to_landmarks(poses, options)
 
 
-def shapes_of_files(
-    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
+def read_as_shapes(
+    file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Shapes, Notes]:
-    """Return the shapes of a file of poses, and warnings; InputError for 2D points.
+    """Read files of one format as Shapes, and notes; InputError for 2D points.
 
     A shape is NaN where a landmark is unknown.
     """
-    poses = _read_kind(form, paths, "shapes", 3)
-    poses, fields, notes = _fields(poses, options)
+    poses = _read_dimensions(file_format, paths, "shapes", 3)
+    poses, fields, notes = _select_fields(poses, options)
     extras = {} if poses.confidence is None else {"confidence": poses.confidence}
     return Shapes(poses.points, **fields, extras=extras), notes
 
 
-def _read_kind(
-    form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
+def _read_dimensions(
+    file_format: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
 ) -> Poses:
-    """Return the poses in these files; InputError where they have other dimensions.
+    """Read the poses in files; InputError unless their points have `dimensions` axes.
 
-    kind: what the message asks for.
+    kind: landmarks or shapes, which the message asks for.
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
-    poses = read_poses(form, paths, dimensions)
+    poses = read_poses(file_format, paths, dimensions)
     d = poses.points.shape[2]
     if d != dimensions:
         reason = f": {FLAT}" if poses.flat else ""
-        raise input_error(name, f"is {form.title} of {d}D points{reason}", fix)
+        raise input_error(name, f"is {file_format.title} of {d}D points{reason}", fix)
     return poses
 
 
@@ -71,9 +72,9 @@ FLAT = "z is 0 everywhere"
 
 
 def _without_depth(poses: Poses) -> Poses:
-    """Return points in 3D whose z is 0 everywhere as 2D landmarks; others as they are.
+    """Drop z from points in 3D where it is 0 everywhere, and add a note that says so.
 
-    Sports2D writes such points.
+    Sports2D writes such points. Other poses stay as they are.
     """
     if poses.points.shape[2] == 2:
         return poses
@@ -87,37 +88,36 @@ def _without_depth(poses: Poses) -> Poses:
 
 
 def read_poses(
-    form: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
+    file_format: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
 ) -> Poses:
-    """Return the poses in these files of one format; InputError for damaged ones.
+    """Read the poses in files of one format; InputError for damaged ones.
 
     They are in the wanted `dimensions` where a file may hold 2D or 3D. Landmarks whose
     z is 0 everywhere are in 2D.
     """
-    assert form.read_poses is not None
-    wanted = (dimensions,) if form.either else ()
+    assert file_format.read_poses is not None
+    wanted = (dimensions,) if file_format.either else ()
     running = gc.isenabled()
     # half the time of a large JSON file is looking for cycles in its lists
     gc.disable()
     try:
-        with parsing(source_name(paths[0]), form.title):
-            poses: Poses = form.read_poses(paths, *wanted)
+        with parsing(source_name(paths[0]), file_format.title):
+            poses: Poses = file_format.read_poses(paths, *wanted)
     finally:
         if running:
             gc.enable()
-    return _without_depth(poses) if "landmarks" in form.records else poses
+    return _without_depth(poses) if "landmarks" in file_format.records else poses
 
 
 FRACTIONS = "x and y are fractions of the width and height of the image"
 SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 
-def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]:
-    """Return 2D poses as images of landmarks, and notes.
+def poses_to_landmarks(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]:
+    """Convert the 2D poses that the options select to Landmarks; return them and notes.
 
-    Fractions of the image are multiplied by `image_size`.
-
-    Raises InputError for fractions that are useless without it.
+    Fractions of the image are multiplied by `image_size`. Raises InputError for
+    fractions that are useless without it.
     """
     if poses.unit == FRACTION and options.image_size is not None:
         poses = replace(poses, points=poses.points * options.image_size, unit="px")
@@ -129,8 +129,8 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]
         )
         poses = replace(poses, notes=(*poses.notes, note))
     if poses.flat and options.y_axis is None:
-        poses = _with_direction(poses)
-    poses, fields, notes = _fields(poses, options)
+        poses = _orient_y_axis(poses)
+    poses, fields, notes = _select_fields(poses, options)
     images = Landmarks(
         poses.points,
         **fields,
@@ -140,11 +140,11 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]
     return images, notes
 
 
-def _with_direction(poses: Poses) -> Poses:
-    """Return landmarks in a plane, whose y points up, with a note that says so.
+def _orient_y_axis(poses: Poses) -> Poses:
+    """Negate y that points up if it is pixels, all <= 0; else note that it points up.
 
-    Pixels of which no y is above 0 are those of an image, from its top down: they get
-    the other sign. Landmarks whose y points elsewhere stay as they are.
+    Pixels of which no y is above 0 are those of an image, from its top down: they then
+    point down. Poses whose y points elsewhere stay as they are.
 
     Sports2D changes the sign of y alone: the bottom of the image is then not at 0,
     where a camera takes it to be if y points up.
@@ -160,13 +160,15 @@ def _with_direction(poses: Poses) -> Poses:
     return replace(poses, points=points, y_axis="down", notes=(*poses.notes, note))
 
 
-def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any], Notes]:
-    """Return the poses that the options select, the fields of a record, and notes.
+def _select_fields(
+    poses: Poses, options: InputOptions
+) -> tuple[Poses, dict[str, Any], Notes]:
+    """Select poses by the options; return them, the fields of a record, and notes.
 
     The fields are those that Landmarks and Shapes have in common, but for points.
     """
-    names, assumed = _landmark_names(poses, options)
-    poses, items, sequences = select(poses, options)
+    names, assumed = _find_landmark_names(poses, options)
+    poses, items, sequences = select_poses(poses, options)
     fields = {
         "landmark_names": names,
         "items": items,
@@ -184,8 +186,10 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any],
 NUMBERED = "numbered"  # landmarks are called 0, 1 and so on
 
 
-def _landmark_names(poses: Poses, options: InputOptions) -> tuple[Sequence[str], Notes]:
-    """Return the names of the landmarks, and a note of what was assumed.
+def _find_landmark_names(
+    poses: Poses, options: InputOptions
+) -> tuple[Sequence[str], Notes]:
+    """Return the names of landmarks, and a note where a skeleton was assumed.
 
     They are those of the file, else of the skeleton `keypoints`, else of the usual one,
     else their numbers. Raises InputError for skeletons that do not fit, and where
@@ -215,7 +219,7 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[Sequence[str],
 
 
 def _check_skeleton(wanted: str | None) -> None:
-    """Raise InputError where there is no skeleton of this name."""
+    """Raise InputError unless `wanted` is an installed skeleton, NUMBERED or None."""
     skeletons = installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
         near = nearest_names(wanted, tuple(skeletons))
@@ -226,12 +230,12 @@ def _check_skeleton(wanted: str | None) -> None:
 def name_numbers(
     names: Sequence[str], wanted: str | None, place: str
 ) -> tuple[Sequence[str], Notes]:
-    """Return names of landmarks, numbers as names of the skeleton `wanted`, and notes.
+    """Replace landmark names that are numbers by those of a skeleton; return notes too.
 
-    Others, and all without a skeleton, keep their names.
+    `wanted` is the skeleton; without one, and where not all are numbers, names stay.
 
     Numbers count from 0, or, where there is none of 0 and one of the last, from 1.
-    Raises InputError for numbers that the skeleton has not.
+    Raises InputError at `place` for numbers that the skeleton has not.
     """
     _check_skeleton(wanted)
     numbers = numbers_of(names)
@@ -251,8 +255,10 @@ def name_numbers(
     return named, () if 0 in numbers else (note,)
 
 
-def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses that the options select, their items and their sequences.
+def select_poses(
+    poses: Poses, options: InputOptions
+) -> tuple[Poses, list[str], list[str]]:
+    """Return the poses that the options select, and names of items and sequences.
 
     Poses without a landmark are left out. They go sequence by sequence, each in order
     of its frames; items and sequences (n) are "" for none.
@@ -305,16 +311,16 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     return poses, items, sequences
 
 
-def _hide_unusable(poses: Poses, least: float) -> tuple[Poses, Flags]:
-    """Return poses without unusable landmarks, and which (N,) have any left.
+def _hide_unusable(poses: Poses, min_confidence: float) -> tuple[Poses, Flags]:
+    """Hide landmarks that are infinite or of low confidence; return poses and a mask.
 
-    Unusable are infinite ones, and those of a confidence below `least`.
+    The mask (N,) is of poses with any landmark left.
     """
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
     low: Flags = np.zeros_like(placed)
     if confidence is not None:
-        low = placed & (confidence < least) & (least > 0)
+        low = placed & (confidence < min_confidence) & (min_confidence > 0)
         placed = placed & ~low
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
@@ -338,7 +344,7 @@ def _hide_unusable(poses: Poses, least: float) -> tuple[Poses, Flags]:
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose, "" for no sequence.
+    """Return names of the item and sequence (N,) of each pose, "" for no sequence.
 
     Poses without identity are numbered, and called `untracked` where the file names
     others (`named`).
@@ -366,7 +372,7 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
 
 
 def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose of images that have names.
+    """Return names of item and sequence (N,) of each pose, where images have names.
 
     An image of several poses gives each its individual, or a number.
     """
@@ -392,8 +398,8 @@ def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-def keep_landmarks(records: Record, names: Sequence[str], place: str) -> Record:
-    """Return landmarks or shapes with these of their landmarks alone, in this order.
+def keep_landmarks(record: Record, names: Sequence[str], place: str) -> Record:
+    """Return a record with the landmarks `names` alone, in this order.
 
     Raises InputError at `place` for names that are not there, or twice.
     """
@@ -401,17 +407,17 @@ def keep_landmarks(records: Record, names: Sequence[str], place: str) -> Record:
         raise input_error(
             "landmarks", "a name is there twice", "name each landmark once"
         )
-    match_landmarks(records.landmark_names, names, f"{place}: landmarks")
-    if isinstance(records, Shapes):
-        return with_landmarks(records, names)
-    return arrange(records, names, place, omit=True)
+    match_landmarks(record.landmark_names, names, f"{place}: landmarks")
+    if isinstance(record, Shapes):
+        return keep_shape_landmarks(record, names)
+    return arrange(record, names, place, omit=True)
 
 
 S = TypeVar("S", bound=Shapes)
 
 
-def with_landmarks(shapes: S, names: Sequence[str]) -> S:
-    """Return the shapes with these of their landmarks alone, and edges among those.
+def keep_shape_landmarks(shapes: S, names: Sequence[str]) -> S:
+    """Return shapes with the landmarks `names` alone, and edges among those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the
     nearest of its ancestors that stays. The index of mirrored landmarks does not stay.

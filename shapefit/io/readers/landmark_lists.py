@@ -9,7 +9,7 @@ from typing import TypeGuard
 import numpy as np
 
 from shapefit.io.formats import FIRST, Head
-from shapefit.io.readers.detections import Detection, as_poses
+from shapefit.io.readers.detections import Detection, poses_from_detections
 from shapefit.io.readers.poses import (
     Images,
     Poses,
@@ -40,23 +40,23 @@ NESTED = 4
 
 
 def is_landmark_lists(head: Head) -> bool:
-    """Whether JSON has a list of {x, y, ...} in one of its first frames."""
-    frames = _frames_of_list(head.json)[1][:FIRST]
-    return any(True for frame in frames for _ in _listed_bodies(frame))
+    """Whether a file is JSON with a list of {x, y, ...} in one of its first frames."""
+    frames = _find_frames(head.json)[1][:FIRST]
+    return any(True for frame in frames for _ in _find_bodies(frame))
 
 
 def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
-    """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
+    """Read a JSON file of landmarks of MediaPipe: lists of {x, y, z, visibility}.
 
     Each body is such a list. A frame has one, or a list of them, or an object with them
     under `pose_landmarks` or the like. A file has one frame, a list of them, an object
     with `frames`, or one whose keys are the numbers of frames.
     """
-    stated, frames = _frames_of_list(read_json(paths[0]))
+    stated, frames = _find_frames(read_json(paths[0]))
     bodies = [
         (body, number)
         for number, frame in enumerate(frames)
-        for body in _listed_bodies(frame)
+        for body in _find_bodies(frame)
     ]
     require(bodies, "no list of landmarks")
     names = tuple(str(point.get("name") or "") for point in bodies[0][0])
@@ -79,7 +79,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
         [number - first for number in numbers],
         [*map(str, numbers)],
     )
-    return as_poses(
+    return poses_from_detections(
         images,
         detections,
         hide_unscored=False,
@@ -88,8 +88,11 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _frames_of_list(content: object) -> tuple[list[int], Sequence[object]]:
-    """Return the numbers of frames, as far as they are stated, and the frames."""
+def _find_frames(content: object) -> tuple[list[int], Sequence[object]]:
+    """Find the frames in parsed JSON; return their stated numbers, and the frames.
+
+    There may be fewer numbers than frames.
+    """
     if isinstance(content, dict):
         numbered = [key for key in content if key.isdecimal() and key.isascii()]
         if content and len(numbered) == len(content):
@@ -107,26 +110,26 @@ def _frames_of_list(content: object) -> tuple[list[int], Sequence[object]]:
 
 
 def _is_body(content: object) -> TypeGuard[list[object]]:
-    """Whether it is a list that holds a landmark {x, y, ...}."""
+    """Whether parsed JSON is a list that has a landmark {x, y, ...}."""
     return isinstance(content, list) and any(
         isinstance(point, dict) and {"x", "y"} <= point.keys() for point in content
     )
 
 
-def _listed_bodies(
-    frame: object, nested: int = NESTED
+def _find_bodies(
+    frame: object, max_nesting: int = NESTED
 ) -> Iterator[list[dict[str, object]]]:
-    """Yield the bodies of a frame, each a list of landmarks; there may be none.
+    """Yield the bodies of a frame, each a list of landmarks {x, y, ...}.
 
-    nested: how many lists in lists are looked into.
+    max_nesting: how many levels of lists in lists are searched.
     """
     if isinstance(frame, dict):
         frame = _first_entry(frame, BODIES, ())
     if _is_body(frame):
         yield [point if isinstance(point, dict) else {} for point in frame]
-    elif isinstance(frame, list) and nested:
+    elif isinstance(frame, list) and max_nesting:
         for one in frame:
-            yield from _listed_bodies(one, nested - 1)
+            yield from _find_bodies(one, max_nesting - 1)
 
 
 def _first_entry(

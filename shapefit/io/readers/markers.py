@@ -15,26 +15,26 @@ from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     Poses,
+    check_rate,
     frames_of_labels,
     frames_of_times,
-    is_known_rate,
     number_repeats,
-    of_frames,
+    poses_from_frames,
     require,
 )
-from shapefit.io.readers.text import floats, read_table, read_text
+from shapefit.io.readers.text import parse_floats, read_table, read_text
 
 HEADER_LINES = 5
 """Lines of TRC before the first frame; names stand in the fourth, X1 in the fifth."""
 
 
 def is_trc(head: Head) -> bool:
-    """Whether a text begins with the word that only TRC begins with."""
+    """Whether a text begins with PathFileType, as only files of TRC do."""
     return head.text.lstrip()[:12].lower() == b"pathfiletype"
 
 
 def read_trc(paths: tuple[Path, ...]) -> Poses:
-    """Read the markers of a TRC file, whose cells stand between tabs or commas.
+    """Read the markers of a TRC file, whose cells are divided by tabs or commas.
 
     A name stands above the X of each marker.
 
@@ -46,7 +46,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     text = read_text(path)
     delimiter = "\t" if "\t" in text else ","
     about, labels = _read_trc_header(text, delimiter)
-    text, unnamed = _without_points_after(text, 3 * len(labels) + 2, delimiter)
+    text, unnamed = _drop_extra_points(text, 3 * len(labels) + 2, delimiter)
     points, frames, times = _read_points(path, text, labels, HEADER_LINES, delimiter)
     origin = np.asarray((points == 0).all(axis=2))
     points = np.where(origin[..., None], np.nan, points)
@@ -57,13 +57,13 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     origins = int(origin[:, named].sum())
     notes = _notes_of_trc(about, len(points), origins, unnamed)
     require("datarate" in about, "there is no DataRate in line 2")
-    rate = floats([about["datarate"]])[0]
+    rate = parse_floats([about["datarate"]])[0]
     timed = len(times) > 0 and bool(np.isfinite(times).all())
     numbers = frames_of_labels(frames)
-    if timed and (numbers is None or _are_in_a_row(numbers)):
+    if timed and (numbers is None or _are_consecutive(numbers)):
         # Frames that were dropped can leave a gap in the times alone.
         numbers = frames_of_times(times, rate) or numbers
-    return of_markers(
+    return poses_from_markers(
         path,
         points[:, named],
         [labels[number] for number in named],
@@ -77,7 +77,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_trc_header(text: str, delimiter: str) -> tuple[dict[str, str], list[str]]:
-    """Return the values of the header of TRC by key, and the label of each marker.
+    """Parse the header of TRC: return key -> value, and the label of each marker.
 
     Keys are in small letters; a marker without a name is "". Raises FormatError for
     headers that are not whole.
@@ -97,12 +97,12 @@ def _read_trc_header(text: str, delimiter: str) -> tuple[dict[str, str], list[st
 
 
 def _split_cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line without the spaces around them."""
+    """Split a line into cells, without the spaces around them."""
     return [cell.strip() for cell in line.split(delimiter)]
 
 
 def _labels_above(names: Sequence[str], count: int) -> list[str]:
-    """Return the label above the X of each of so many markers; "" for none.
+    """Return the label above the X of each of `count` markers; "" for none.
 
     The first marker stands in the third cell; a line may be shorter.
     """
@@ -110,10 +110,10 @@ def _labels_above(names: Sequence[str], count: int) -> list[str]:
     return cells[: 3 * count : 3]
 
 
-def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, int]:
-    """Return the text with rows of so many cells, and the number of points left out.
+def _drop_extra_points(text: str, cells: int, delimiter: str) -> tuple[str, int]:
+    """Cut rows of TRC to `cells` cells; return the text and the number of points cut.
 
-    A point that stands after them has three cells: other ends of rows stay.
+    A point has three cells: rows whose further cells are not of points stay.
     """
     lines = text.split("\n")
     left_out = 0
@@ -130,8 +130,12 @@ def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, i
 def _notes_of_trc(
     about: Mapping[str, str], frames: int, origins: int, unnamed: int
 ) -> tuple[str, ...]:
-    """Return notes on absent frames, and on points taken for missing or left out."""
-    announced = floats([about.get("numframes") or "0"])[0]
+    """Return notes on absent frames, points at the origin, and points without a name.
+
+    about: the header of the file; frames: how many there are; origins and unnamed:
+    numbers of such points.
+    """
+    announced = parse_floats([about.get("numframes") or "0"])[0]
     notes = []
     if announced > frames:
         lost = int(announced) - frames
@@ -143,13 +147,13 @@ def _notes_of_trc(
     return tuple(notes)
 
 
-def _are_in_a_row(numbers: Sequence[int]) -> bool:
-    """Whether numbers of frames, from 0 on, leave none out."""
+def _are_consecutive(numbers: Sequence[int]) -> bool:
+    """Whether frame numbers are 0, 1, 2, ... in any order, without a gap."""
     return sorted(numbers) == [*range(len(numbers))]
 
 
 def is_vicon(head: Head) -> bool:
-    """Whether the columns of a section `Trajectories` begin with those of Vicon."""
+    """Whether a text has a section `Trajectories` with columns as of Vicon Nexus."""
     _, _, after = head.text.lower().partition(b"trajectories")
     return b"frame,sub frame," in after
 
@@ -175,11 +179,11 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
     labels = _labels_above(names, count)
     text = "\n".join(lines[:end])
     points, frames, _ = _read_points(path, text, labels, start + 4)
-    return of_markers(
+    return poses_from_markers(
         path,
         points,
         labels,
-        rate=floats([rates[0]])[0],
+        rate=parse_floats([rates[0]])[0],
         unit=units[2],
         labels=frames,
         frames=frames_of_labels(frames),
@@ -187,10 +191,10 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
 
 
 def _find_trajectories(lines: Sequence[str]) -> tuple[int, int]:
-    """Return the lines between which the section `Trajectories` stands, from 0 on.
+    """Return the indices of the first line of section `Trajectories`, and its end.
 
-    The first is that below its title, the second that after its end. Raises FormatError
-    where there is no such section.
+    The first is that below its title, the second that after its last line. Raises
+    FormatError where there is no such section.
     """
     bare = [line.strip(', "\t') for line in lines]
     sections = [line.lower() for line in bare]
@@ -202,10 +206,10 @@ def _find_trajectories(lines: Sequence[str]) -> tuple[int, int]:
 def _read_points(
     path: Path, text: str, labels: Sequence[str], after: int, delimiter: str = ","
 ) -> tuple[Floats, list[str], Floats]:
-    """Return points (n, m, 3), the labels of frames, and the second column (n,).
+    """Read rows of markers: points (n, m, 3), frame labels, and the second column (n,).
 
-    Such as times; NaN where it is no number. A row, after so many lines, is a frame, a
-    time or the like, and x, y, z of each marker.
+    That is of times, or of other numbers; NaN where it is no number. The rows come
+    after `after` lines, and are a frame, the second column, and x, y, z of each marker.
     """
     columns = ["Frame", "", *(f"{name} {axis}" for name in labels for axis in "XYZ")]
     table = read_table(path, text, columns, delimiter, after=after, padded=True)
@@ -215,7 +219,7 @@ def _read_points(
     return points, frames, beside
 
 
-def of_markers(
+def poses_from_markers(
     path: Path,
     points: Floats,
     markers: Sequence[str],
@@ -227,21 +231,21 @@ def of_markers(
     times: Floats | None = None,
     notes: tuple[str, ...] = (),
 ) -> Poses:
-    """Return the poses of one body of markers (n, m, 3), in metres if units are known.
+    """Make Poses of the markers (n, m, 3) of one body, in metres if `unit` is known.
 
     y points up where they are landmarks in a plane.
 
     `subject:` before all their names is the individual; labels, frames and times (n)
-    as `of_frames` takes them.
+    as `poses_from_frames` takes them.
     """
     names = number_repeats(markers)
     factor, unit = as_metres(unit)
-    is_known, doubts = is_known_rate(rate)
+    is_known, doubts = check_rate(rate)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:
         names = tuple(name.rpartition(":")[2] for name in names)
-    return of_frames(
+    return poses_from_frames(
         path,
         factor * points,
         video=path.stem,

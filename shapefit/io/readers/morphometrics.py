@@ -14,14 +14,14 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.formats import Head
-from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.arrays import poses_from_bodies
 from shapefit.io.readers.poses import (
     FormatError,
     Poses,
     image_labels,
     require,
 )
-from shapefit.io.readers.text import floats, read_text
+from shapefit.io.readers.text import parse_floats, read_text
 from shapefit.records.items import Direction
 
 KEY = re.compile(r"\s*([A-Za-z]+3?)\s*=\s*(.*)")
@@ -33,14 +33,15 @@ PTS = re.compile(rb"\s*version\s*:.*\s+n_points\s*:", re.IGNORECASE)
 
 
 def is_tps(head: Head) -> bool:
-    """Whether the first line counts the landmarks of a specimen."""
+    """Whether the first line of a file is of TPS: LM= or LM3= and a number."""
     return TPS.match(head.text) is not None
 
 
 def read_tps(paths: tuple[Path, ...]) -> Poses:
-    """Read TPS: LM= or LM3=, so many lines of a point, IMAGE= and ID= of a specimen.
+    """Read the specimens of a TPS file as images, or as shapes where points are 3D.
 
-    Curves and scales are left out. y points up, as tpsDig measures it.
+    Each has LM= or LM3=, as many lines of a point, IMAGE= and ID=. Curves and scales
+    are left out. y points up, as tpsDig measures it.
     """
     path, lines = paths[0], read_text(paths[0]).split("\n")
     specimens: list[list[list[float]]] = []
@@ -54,7 +55,7 @@ def read_tps(paths: tuple[Path, ...]) -> Poses:
         key = match[1].upper()
         value = match[2].strip()
         if key in ("LM", "LM3", "POINTS"):
-            count = _count(path, number, value)
+            count = _parse_count(path, number, value)
             d = 3 if key == "LM3" else 2
             rows = lines[number : number + count]
             if key != "POINTS":
@@ -78,8 +79,8 @@ def read_tps(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _count(path: Path, line: int, value: str) -> int:
-    """Return the number of landmarks that a line states; InputError for no number."""
+def _parse_count(path: Path, line: int, value: str) -> int:
+    """Parse the number of landmarks that a line states; InputError for other text."""
     if not value.isdecimal():
         problem = f"{printable(value[:40])!r} is no number of landmarks"
         raise input_error(f"{path}:{line}", problem, "write LM=12")
@@ -89,7 +90,7 @@ def _count(path: Path, line: int, value: str) -> int:
 def _specimen_points(
     path: Path, rows: Sequence[str], line: int, count: int, d: int
 ) -> list[list[float]]:
-    """Return the points (count, d) in the first lines of `rows`.
+    """Parse the points (count, d) in the first `count` of `rows`.
 
     line: the number of the line before them, for messages. Raises InputError where one
     is no point.
@@ -98,7 +99,7 @@ def _specimen_points(
     for offset in range(count):
         words = rows[offset].split() if offset < len(rows) else []
         try:
-            points.append(floats(words, d))
+            points.append(parse_floats(words, d))
         except FormatError as error:
             place = f"{path}:{line + 1 + offset}"
             fix = f"write {d} numbers for each of the {count} landmarks"
@@ -107,7 +108,7 @@ def _specimen_points(
 
 
 def _specimen_labels(stated: Sequence[dict[str, str]]) -> list[str]:
-    """Return names of specimens: of their image, else their ID, else their number."""
+    """Return names of specimens, from IMAGE or else ID in `stated`, else numbers."""
     for key in ("IMAGE", "ID"):
         names = [keys.get(key, "") for keys in stated]
         if all(names) and len({*names}) == len(names):
@@ -122,8 +123,8 @@ def _specimen_images(
     y_axis: Direction | None = None,
     notes: tuple[str, ...] = (),
 ) -> Poses:
-    """Return specimens as poses, whose landmarks are numbered from 1."""
-    return of_bodies(
+    """Make Poses of specimens (n, p, d), whose landmarks are called 1, 2 and so on."""
+    return poses_from_bodies(
         path,
         points,
         None,
@@ -138,16 +139,19 @@ def _specimen_images(
 
 
 def is_pts(head: Head) -> bool:
-    """Whether the first lines state a version and a number of points."""
+    """Whether a text begins with `version:` and `n_points:`, as .pts of 300-W does."""
     return PTS.match(head.text) is not None
 
 
 def read_pts(paths: tuple[Path, ...]) -> Poses:
-    """Read .pts of 300-W, an image each: n_points, and a line of x and y of each."""
+    """Read .pts files of 300-W, or those in a folder, each of one image's landmarks.
+
+    A file has n_points, and a line of x and y of each point.
+    """
     files = [*paths]
     if paths[0].is_dir():
         files = sorted(one for one in paths[0].iterdir() if one.suffix == ".pts")
-    found = [_read_one(path) for path in files]
+    found = [_read_pts_file(path) for path in files]
     sizes = {len(own) for own in found}
     numbers = " and ".join(map(str, sorted(sizes)))
     require(len(sizes) == 1, f"files of {numbers} landmarks; give those of one kind")
@@ -155,8 +159,8 @@ def read_pts(paths: tuple[Path, ...]) -> Poses:
     return _specimen_images(paths[0], np.array(found), labels)
 
 
-def _read_one(path: Path) -> list[list[float]]:
-    """Return the points of one .pts file; InputError for damaged ones."""
+def _read_pts_file(path: Path) -> list[list[float]]:
+    """Return the points (p, 2) of one .pts file; InputError for a damaged one."""
     text = read_text(path)
     stated = re.search(r"n_points\s*:\s*(\d+)", text)
     before, bracket, rest = text.partition("{")

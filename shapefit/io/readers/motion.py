@@ -16,22 +16,22 @@ from shapefit.io.readers.poses import (
     FormatError,
     Poses,
     check_names,
+    check_rate,
     frames_of_labels,
-    is_known_rate,
     number_repeats,
-    of_frames,
     parsing,
+    poses_from_frames,
     require,
 )
-from shapefit.io.readers.text import floats, read_table, read_text
+from shapefit.io.readers.text import parse_floats, read_table, read_text
 
-Channel = tuple[bool, int]  # whether it turns, and the axis
+Channel = tuple[bool, int]  # whether it is a rotation, and its axis
 
 
 @dataclass(eq=False)
 class Joint:
-    """A joint, or the end of a bone, which turns in the frame axes (3, 3), its last
-    channel first.
+    """A joint, or the end of a bone, which turns about `axes` (3, 3), its last channel
+    first.
 
     before (3,) leads from the parent to where it turns, in the frame of the parent, and
     after (3,) from there to its position, in its own.
@@ -45,8 +45,8 @@ class Joint:
     channels: Sequence[Channel] = ()
 
 
-def place_bones(joints: Sequence[Joint], values: Floats) -> Floats:
-    """Return the positions (n, joints, 3) of joints that turn by their channels.
+def place_joints(joints: Sequence[Joint], values: Floats) -> Floats:
+    """Compute the positions (n, joints, 3) of joints from values (n, c) of channels.
 
     x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T: C is
     the frame of the joint, M turns by its channels, and shift moves by them. values (n,
@@ -80,7 +80,7 @@ def place_bones(joints: Sequence[Joint], values: Floats) -> Floats:
 
 
 def _parents_first(parents: Sequence[int]) -> list[int]:
-    """Return the numbers of joints in an order in which each stands after its parent.
+    """Return the indices of joints in an order where each follows its parent.
 
     A root has the parent -1; joints that no root leads to are left out.
     """
@@ -93,10 +93,10 @@ def _parents_first(parents: Sequence[int]) -> list[int]:
 CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
 
 
-def _channel(axis: str, kind: str) -> Channel:
-    """Return whether a channel turns, and its axis: Xrotation of BVH, or rx of ASF.
+def _parse_channel(axis: str, kind: str) -> Channel:
+    """Convert axis and kind of a channel, Xrotation of BVH or rx of ASF, to a Channel.
 
-    Raises FormatError for others.
+    Raises FormatError for other axes and kinds.
     """
     exists = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
     require(exists, f"there is no channel {axis + kind!r}, as Xrotation or rx")
@@ -112,25 +112,25 @@ def is_bvh(head: Head) -> bool:
 
 
 def read_bvh(paths: tuple[Path, ...]) -> Poses:
-    """Return the joints of a BVH file, in its unit, and then the ends of bones.
+    """Read the joints of a BVH file as landmarks, in its unit, and the ends of bones.
 
-    These are called `JOINT_end`.
+    These come last, and are called `JOINT_end`.
     """
     path = paths[0]
     text = read_text(path)
     joints, lines, announced, seconds = _read_hierarchy(path, text)
     motion = _read_channels(path, text, joints, lines)
-    rate = _rate_of(seconds)
-    is_known, notes = is_known_rate(rate)
+    rate = _frame_rate(seconds)
+    is_known, notes = check_rate(rate)
     lost = announced - len(motion)
     if lost > 0:
         missing = f"{lost} frames are announced in the header, but not there"
         notes = (missing, *notes)
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
-    return of_frames(
+    return poses_from_frames(
         path,
-        place_bones(joints, motion)[:, order],
+        place_joints(joints, motion)[:, order],
         video=path.stem,
         landmark_names=number_repeats([joints[number].name for number in order]),
         frame_rate=rate if is_known else None,
@@ -142,7 +142,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float]:
-    """Return joints, lines before the motion, announced frames, and seconds of one.
+    """Read BVH up to its motion: joints, number of lines, of frames, seconds per frame.
 
     Ends of bones are joints without channels. Raises InputError, naming the line.
     """
@@ -163,9 +163,9 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
             elif key in ("OFFSET", "CHANNELS") and not above:
                 raise FormatError(f"{key} stands outside of a joint")
             elif key == "OFFSET":
-                joints[above[-1]].before = np.array(floats(rest, 3))
+                joints[above[-1]].before = np.array(parse_floats(rest, 3))
             elif key == "CHANNELS":
-                channels = [_channel(name[:1], name[1:]) for name in rest[1:]]
+                channels = [_parse_channel(name[:1], name[1:]) for name in rest[1:]]
                 count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
                 require(rest[:1] == [str(len(channels))], count)
                 joints[above[-1]].channels = channels
@@ -175,9 +175,9 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
                     # a channel of position replaces the offset along its axis
                     moved = [axis for turns, axis in joint.channels if not turns]
                     joint.before[moved] = 0
-                return joints, number, announced, floats(rest[1:2], 1)[0]
+                return joints, number, announced, parse_floats(rest[1:2], 1)[0]
             elif key == "FRAMES:":
-                announced = int(max(floats(rest[:1], 1)[0], 0))
+                announced = int(max(parse_floats(rest[:1], 1)[0], 0))
             else:
                 exists = key in ("", "HIERARCHY", "MOTION")
                 require(exists, f"begins with {word!r}, which is no word of BVH")
@@ -191,7 +191,10 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
 def _read_channels(
     path: Path, text: str, joints: Sequence[Joint], lines: int
 ) -> Floats:
-    """Return the channels (n, c) of all joints, which stand after so many lines."""
+    """Read the values (n, c) of all joints' channels, which begin after `lines` lines.
+
+    Raises InputError or FormatError for cells that are no numbers.
+    """
     channels = [joint.name for joint in joints for _ in joint.channels]
     rows = "\n".join(" ".join(line.split()) for line in text.split("\n"))
     table = read_table(path, rows, channels, " ", after=lines)
@@ -200,8 +203,8 @@ def _read_channels(
     return motion
 
 
-def _rate_of(seconds: float) -> float | None:
-    """Return the rate of frames of so many seconds in Hz; None for no time."""
+def _frame_rate(seconds: float) -> float | None:
+    """Return the frame rate in Hz for the seconds of a frame; None for 0 seconds."""
     if not seconds > 0:  # of nan neither
         return None
     rate = 1.0 / seconds
@@ -214,8 +217,8 @@ def _rate_of(seconds: float) -> float | None:
 
 
 def is_acclaim(head: Head) -> bool:
-    """Whether a file .asf or .amc begins with a section or a comment."""
-    return head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
+    """Whether a file named .asf or .amc begins with a section or a comment."""
+    return head.has_suffix(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
 
 
 INCH = 0.0254
@@ -227,7 +230,7 @@ WHOLE_FILE = "give whole files, in which every frame lists the bones of the skel
 
 
 def read_acclaim(paths: tuple[Path, ...]) -> Poses:
-    """Return the ends of the bones of a motion: the root, then bones as ASF lists them.
+    """Read an AMC motion; its landmarks are the root and the ends of the ASF's bones.
 
     The skeleton lies in its folder, and is named as the motion begins (86.asf,
     86_01.amc), or is the only one. Raises FormatError where there is none, or several
@@ -247,9 +250,9 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         max(named or skeletons, key=lambda file: len(file.stem))
     )
     labels, values = _read_motion(path, bones)
-    return of_frames(
+    return poses_from_frames(
         path,
-        scale * place_bones(bones, values),
+        scale * place_joints(bones, values),
         labels=labels,
         frames=frames_of_labels(labels),
         video=path.stem,
@@ -262,24 +265,23 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
-    """Return the bones of an ASF file, their unit, and the factor of their lengths.
+    """Read an ASF file: bones, root first, a unit, and the factor from lengths to it.
 
-    The root is the first.
-
-    Lengths are in inches / `length`, as in CMU's database (0.45), and given out in
-    metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
+    Lengths are in inches / `length`, as in CMU's database (0.45): the factor turns them
+    into metres. With `length 1` their unit is unknown. Raises InputError, naming the
+    line.
     """
     units, blocks, links = _read_asf_sections(path)
     bones = []
     for number, block in blocks:
         with parsing(f"{path}:{number}", "a bone of ASF", WHOLE_FILE):
-            bones.append(_bone(block))
+            bones.append(_parse_bone(block))
     with parsing(path, "ASF", WHOLE_FILE):
         require(units.get("angle", "deg").startswith("deg"), "angles in radians")
         check_names([bone.name for bone in bones], "bone")
-        (length,) = floats([units.get("length", "1")])
+        (length,) = parse_floats([units.get("length", "1")])
         require(length > 0, f"the unit of length {length:g}")
-        _link(bones, links)
+        _set_parents(bones, links)
     if length == 1:
         return bones, UNKNOWN_UNIT, 1.0
     return bones, "m", INCH / length
@@ -288,10 +290,10 @@ def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
 def _read_asf_sections(
     path: Path,
 ) -> tuple[dict[str, str], list[tuple[int, BoneBlock]], list[list[str]]]:
-    """Return the units, the words of all bones, and the hierarchy of an ASF file.
+    """Split an ASF file into units, blocks of bones, and lines of its hierarchy.
 
-    The words of a bone stand beside its line, those of the root first; the hierarchy
-    lists bones with those below them.
+    A block has the number of its line beside it, that of the root comes first; a line
+    of the hierarchy names a bone and its children.
     """
     units: dict[str, str] = {}
     root: BoneBlock = {
@@ -323,8 +325,8 @@ def _read_asf_sections(
     return units, blocks, links
 
 
-def _bone(block: BoneBlock) -> Joint:
-    """Return a bone of ASF, or the root, as a joint that has no parent yet.
+def _parse_bone(block: BoneBlock) -> Joint:
+    """Make a Joint, without a parent yet, of the block of a bone or root in ASF.
 
     A root's place is where it turns; the first angle of a joint turns first. Raises
     FormatError for bones that are not whole.
@@ -341,22 +343,23 @@ def _bone(block: BoneBlock) -> Joint:
     turn = block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
-        before = np.array(floats(block["position"], 3))
+        before = np.array(parse_floats(block["position"], 3))
     else:
-        after = np.array(floats(block["direction"], 3)) * floats(block["length"], 1)[0]
-    angles = floats(turn[:3], 3)
+        direction = np.array(parse_floats(block["direction"], 3))
+        after = direction * parse_floats(block["length"], 1)[0]
+    angles = parse_floats(turn[:3], 3)
     letters = (turn[3:] or ["XYZ"])[0].lower()
     ordered = sorted(letters) == ["x", "y", "z"]
     require(
         ordered, f"the order of axes {letters!r}, not XYZ or another of these three"
     )
     axes = Rotation.from_euler(letters, angles, degrees=True).as_matrix()
-    channels = [_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
+    channels = [_parse_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
 
-def _link(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
-    """Give bones their parents, by names of bones and of those below.
+def _set_parents(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
+    """Set the parents of bones by `links`, each the names of a bone and its children.
 
     Raises FormatError where these do not reach every bone once.
     """
@@ -372,7 +375,7 @@ def _link(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
 
 
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
-    """Return the labels of frames of an AMC file, and the channels (n, c) of all bones.
+    """Read an AMC file: labels of frames, and values (n, c) of all bones' channels.
 
     A bone that no frame lists does not move. Raises InputError, naming the line, for
     other bones or channels than the skeleton has.
@@ -398,6 +401,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
     require(labels, "no frames")
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
     values = [
-        np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes
+        np.array(parse_floats(cells[name] or ["0"] * size, size))
+        for name, size in sizes
     ]
     return labels, np.hstack([block.reshape(len(labels), -1) for block in values])

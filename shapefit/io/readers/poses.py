@@ -33,6 +33,8 @@ PER_POSE = ("points", "confidence", "frame", "time", "label", "individual", "vid
 class Poses:
     """N poses of p landmarks in d dimensions, each of one individual in one frame.
 
+    A pose is the landmarks of one body, as a reader finds them in a file.
+
     name        the path, for messages
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format
@@ -55,7 +57,7 @@ class Poses:
     unordered   whether the images are, as far as names say, no frames of a video
     named       whether labels name images, and are the items as they stand
     y_axis      where y of 2D points points, where the format says it: else down
-    flat        whether the points stood in 3D, their z 0 everywhere
+    flat        whether the file's points are in 3D, their z 0 everywhere
     or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
@@ -82,10 +84,9 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise FormatError for fields that do not fit; make missing landmarks NaN.
+        """Check the fields, or raise FormatError; set missing 2D landmarks to NaN.
 
-        That is for fields that do not agree, for names that are empty or repeat, and
-        for a frame rate that is not positive.
+        Their sizes must agree, names be filled and unique, and a frame rate positive.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
         confidence or with 0, and (0, 0) with a confidence of 0.
@@ -123,11 +124,11 @@ class Poses:
 
     @property
     def videos(self) -> Sequence[str]:
-        """The video of each pose (N,)."""
+        """The name of the video of each pose (N,)."""
         return [self.video] * len(self) if isinstance(self.video, str) else self.video
 
     def take(self, rows: Flags | Integers | Indices) -> Poses:
-        """Return some of the poses, by a mask or by numbers."""
+        """Return the poses at `rows`, a mask (N,) or indices."""
         rows = np.arange(len(self))[rows]
         changes: dict[str, object] = {}
         for field in PER_POSE:
@@ -169,7 +170,7 @@ class UnitFields(TypedDict):
 
 
 class FrameFields(PoseFields, total=False):
-    """What `of_frames` takes beside points and confidences."""
+    """What `poses_from_frames` takes beside points and confidences."""
 
     labels: Sequence[str]
     frames: Sequence[int] | Integers | None
@@ -178,7 +179,7 @@ class FrameFields(PoseFields, total=False):
     present: NDArray[np.bool_] | None
 
 
-def of_frames(
+def poses_from_frames(
     path: Path,
     points: Floats,
     confidence: Floats | None = None,
@@ -190,12 +191,11 @@ def of_frames(
     present: NDArray[np.bool_] | None = None,
     **fields: Unpack[PoseFields],
 ) -> Poses:
-    """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
+    """Make Poses of points (n, p, d) or (n, i, p, d), of i individuals in n frames.
 
     confidence (n, [i,] p); labels (n), by default numbers; frames (n), by default one
     after the other, and times (n); names of individuals (i); `present` (n, i), the
-    poses that count; `fields` of `Poses`. Raises FormatError for
-    sizes that differ.
+    poses that count; `fields` of `Poses`. Raises FormatError for sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
@@ -229,10 +229,10 @@ def of_frames(
     return poses if present is None else poses.take(present.ravel())
 
 
-def unit_of(points: Floats) -> UnitFields:
-    """Return the unit of points whose file states none, and what follows.
+def guess_unit(points: Floats) -> UnitFields:
+    """Guess the unit of points whose file states none: fractions of the image, or none.
 
-    Points (n, p, 2) are fractions of the image where all lie within -0.5 and 1.5.
+    Points (n, p, 2) are fractions where all lie within -0.5 and 1.5.
     """
     finite = points[np.isfinite(points)]
     inside = finite.size > 0 and bool(finite.min() >= -0.5 and finite.max() <= 1.5)
@@ -256,7 +256,7 @@ class FormatError(Exception):
 def parsing(
     place: str | Path, title: str, fix: str = "export it again"
 ) -> Iterator[None]:
-    """Turn a FormatError here into the InputError that names the file and its format.
+    """Turn a FormatError into an InputError that names the place and the format.
 
     All else that a reader raises is an error of its own, and passes.
     """
@@ -269,7 +269,7 @@ def parsing(
 
 @contextmanager
 def library_reads(problem: str, fix: str = "") -> Iterator[None]:
-    """Turn whatever a library raises for a damaged file into a FormatError.
+    """Turn any exception of a library for a damaged file into a FormatError.
 
     For the call of a library alone: what damage leads to there is not ours to check.
     """
@@ -281,28 +281,34 @@ def library_reads(problem: str, fix: str = "") -> Iterator[None]:
         raise FormatError(problem, fix) from error
 
 
-def as_numbers(values: object, what: str) -> Floats:
-    """Return lists of numbers, null as NaN, as an array; FormatError for others."""
+def as_numbers(values: object, subject: str) -> Floats:
+    """Convert nested lists of numbers to an array, null to NaN; FormatError otherwise.
+
+    The subject names the values in the message.
+    """
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"{what} are not all numbers, or of one length") from error
+        raise FormatError(f"{subject} are not all numbers, or of one length") from error
 
 
 def require(condition: object, problem: str, fix: str = "") -> None:
-    """Raise FormatError with the problem, unless a condition holds."""
+    """Raise FormatError(problem, fix) unless the condition is true."""
     if not condition:
         raise FormatError(problem, fix)
 
 
-def check_names(names: Sequence[str], what: str) -> None:
-    """Raise FormatError for names that are empty or repeat."""
+def check_names(names: Sequence[str], noun: str) -> None:
+    """Raise FormatError for names that are empty or occur twice.
+
+    The noun says in the message what they name, such as "landmark".
+    """
     require(
         all(isinstance(name, str) and name for name in names),
-        f"a {what} without a name",
+        f"a {noun} without a name",
     )
     twice = next((name for name, number in Counter(names).items() if number > 1), "")
-    require(not twice, f"the {what} {twice!r} twice")
+    require(not twice, f"the {noun} {twice!r} twice")
 
 
 # Names.
@@ -314,12 +320,12 @@ IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 
 def video_name(path: Path) -> str:
-    """Return the name of a file without its endings, with which its items begin."""
+    """Return a file's name without suffixes such as .analysis.h5, as a video's name."""
     return ENDINGS.sub("", Path(path.name.removesuffix(".gz")).stem) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
-    """Return paths of images without folder and suffix, if that tells them apart.
+    """Return paths of images without folder and suffix, if the names then are unique.
 
     Else without suffix. They may be those of any system.
     """
@@ -338,10 +344,10 @@ SPARSEST = 100
 
 
 def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
-    """Return the number in each name, in which alone they differ; None for no series.
+    """Return the number in each name if names differ in one number alone, else None.
 
-    Of one name it is the last number. Names are no series where they differ otherwise,
-    or where there is less than one of them for so many numbers (`sparsest`).
+    Of one name it is the last number. It is None, too, where there is less than one
+    name for every `sparsest` numbers of their range.
     """
     parts = [NUMBER_IN_NAME.split(name) for name in names]  # text, number, text, ...
     if len({len(part) for part in parts}) > 1:
@@ -359,15 +365,15 @@ def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] 
 
 
 def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number alone, and may be frames."""
+    """Whether names differ in one number alone, so that they may be frames."""
     return series_numbers(names) is not None
 
 
 class Images(NamedTuple):
-    """Images in which detections are: the path of the file or folder, for messages, and
-    of each image (n,) its video, its frame there, and what the file calls it.
+    """Images with detections: the path of the file or folder, for messages, and of each
+    image (n,) its video, its frame in the video, and its label in the file.
 
-    They are `unordered` where their names tell no frames.
+    They are `unordered` where their names have no numbers of frames.
     """
 
     name: str
@@ -384,7 +390,7 @@ def place_images(
     sparsest: int = SPARSEST,
     stated: Sequence[int | None] | None = None,
 ) -> Images:
-    """Return images, each with its video, its frame and its label, by their names.
+    """Find the video, frame and label of images by their file names, as Images.
 
     Videos are those given, or the folders in which images are numbered, or one.
 
@@ -418,10 +424,7 @@ def place_images(
 
 
 def _folders_of_series(files: Sequence[str]) -> list[str] | None:
-    """Return the folder of each image; None unless these are several series.
-
-    Images of a series have the names of frames.
-    """
+    """Return each image's folder if several folders have numbered images, else None."""
     folders = [PureWindowsPath(file).parent for file in files]
     names_in: dict[PureWindowsPath, list[str]] = {}
     for folder, file in zip(folders, files, strict=True):
@@ -437,7 +440,10 @@ def _folders_of_series(files: Sequence[str]) -> list[str] | None:
 
 
 def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
-    """Return the frame of each name, from 0 for the first; None for no series."""
+    """Return the frame of each name, from 0 for the least number; None for no series.
+
+    The number is that of `series_numbers`.
+    """
     numbers = series_numbers(names, sparsest)
     if numbers is None:
         return None
@@ -446,7 +452,7 @@ def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] |
 
 
 def frames_of_labels(labels: Sequence[str]) -> list[int] | None:
-    """Return the frames that labels number, from 0 for the first; None for no numbers.
+    """Convert labels to frames, from 0 for the least; None if not all are numbers.
 
     Raises FormatError for a number that is there twice.
     """
@@ -476,10 +482,10 @@ RATE_UNKNOWN = (
 """Note on a file that states this rate, as programs do that know none."""
 
 
-def is_known_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
-    """Return whether a rate that a format demands is one, and a note where it is not.
+def check_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
+    """Return whether a frame rate (Hz) that a file states is known, and a note if not.
 
-    shapefit, as other programs, writes UNKNOWN_RATE where it knows none.
+    Formats may demand a rate: shapefit, as other programs, then writes UNKNOWN_RATE.
     """
     if rate is None or not 0 < rate < np.inf:
         return False, ()
@@ -489,7 +495,7 @@ def is_known_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
 
 
 def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
-    """Return the frames at times (n,) in seconds; None where these are no whole steps.
+    """Convert times (n,) in seconds to frames, from 0; None if not on a regular grid.
 
     Steps count from the first time, and last 1 / rate, or else as long as the usual or
     the least step.
@@ -513,7 +519,7 @@ def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
 
 
 def _frames_at(times: Floats, rate: float) -> list[int] | None:
-    """Return the frames at times (n,), of a rate; None where they lie between."""
+    """Convert times (n,) in s to frames at `rate` in Hz; None if any lies between."""
     places = (times - times.min()) * rate
     whole = np.rint(places)
     small = np.abs(places).max() < 10.0**MAX_FRAME_DIGITS
@@ -524,13 +530,13 @@ def _frames_at(times: Floats, rate: float) -> list[int] | None:
 
 
 def number_labels(values: Numbers) -> list[str]:
-    """Return frames or seconds as texts, to the microsecond; FormatError for NaN."""
+    """Format frames or seconds as texts, to the microsecond; FormatError for NaN."""
     require(np.isfinite(values).all(), "a frame without a number")
     return [f"{value:.6f}".rstrip("0").rstrip(".") for value in values.tolist()]
 
 
 def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as names that differ: what repeats an earlier one gets a number.
+    """Make labels unique: one that repeats an earlier one gets a number, `a_2`.
 
     An empty one is `*7` if it is the eighth.
     """
@@ -546,9 +552,10 @@ def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def name_individual(who: object) -> str:
-    """Return the name of an identity: a text itself, `id 3` for 3, "" for others.
+    """Return the name for an identity in a file: a text itself, `id 3` for 3, or "".
 
-    Others are numbers below 0, and what is of no such kind. [it] stands for it.
+    It is "" for numbers below 0, and values of other types. A list of one value is
+    taken for the value.
     """
     while isinstance(who, list) and len(who) == 1:
         who = who[0]
@@ -559,15 +566,17 @@ def name_individual(who: object) -> str:
     return f"id {who:g}" if who >= 0 else ""
 
 
-def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:
-    """Return as pairs those of a list of lines that join two of so many landmarks.
+def skeleton_edges(content: object, landmark_count: int, *, first: int = 0) -> Edges:
+    """Return index pairs of a list of edges in JSON, those of two existing landmarks.
 
-    A file counts these from `first`; lines of another kind join none.
+    The file counts landmarks from `first`. Edges of another kind are left out.
     """
     pairs: list[tuple[int, int]] = []
-    for line in lines if isinstance(lines, list) else []:
-        ends = line if isinstance(line, list) else []
+    for edge in content if isinstance(content, list) else []:
+        ends = edge if isinstance(edge, list) else []
         whole = [end - first for end in ends if isinstance(end, int)]
-        if len(ends) == len(whole) == 2 and 0 <= min(whole) <= max(whole) < landmarks:
+        if not len(ends) == len(whole) == 2:
+            continue
+        if 0 <= min(whole) <= max(whole) < landmark_count:
             pairs.append((whole[0], whole[1]))
     return tuple(pairs)

@@ -17,7 +17,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.csv_cells import read_numbers
 from shapefit.io.formats import Head
-from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.arrays import poses_from_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
     RATES,
@@ -55,22 +55,22 @@ ImageKey = tuple[str, ...]
 """The cells of a row that tell its image from others."""
 
 
-class Understood(NamedTuple):
-    """What a table holds, and how it was understood, line by line."""
+class TableReading(NamedTuple):
+    """The poses of a table, and lines (title, text) on how its columns were read."""
 
     poses: Poses
     lines: tuple[Line, ...]
 
 
 class Keys(NamedTuple):
-    """What tells the images of a table apart: role -> column; what was guessed."""
+    """The columns that tell images of a table apart, by role; notes on guesses."""
 
     columns: Mapping[str, int]
     guessed: tuple[str, ...] = ()
 
 
 class Grid(NamedTuple):
-    """What a table holds: values (n, p) of each axis, landmarks (p), cells (n) by role.
+    """The values (n, p) of a table by axis, landmark names (p), and cells (n) by role.
 
     used are the columns that were read.
     """
@@ -83,30 +83,35 @@ class Grid(NamedTuple):
 
 
 def is_table(head: Head) -> bool:
-    """Whether the first line names columns of landmarks."""
+    """Whether a file is a table whose first line names columns of landmarks."""
     text = decode(head.text).replace("\r\n", "\n").replace("\r", "\n")
     first = "\n".join(text.split("\n", 2)[:2])
-    table = head.named(".csv", ".tsv", ".txt") and "\0" not in first
+    table = head.has_suffix(".csv", ".tsv", ".txt") and "\0" not in first
     return table and parse_header(text) is not None
 
 
 def is_anipose(head: Head) -> bool:
-    """Whether a column counts the cameras of a point."""
+    """Whether a table has a column `..._ncams`, as only anipose writes it."""
     return any(name.endswith("_ncams") for name in head.columns)
 
 
 def read_any_table(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
-    """Read a table of no known tool, or the 3D points that anipose writes, in its unit.
+    """Read a table of landmarks of any tool, by the names of its columns, as Poses.
+
+    Points are in its unit.
 
     z beside a confidence is the depth that detectors guess, which is left out, except
     anipose's; otherwise it is a third coordinate. Of points in 2D and in 3D, those of
     the wanted `dimensions` are read, without a wish those in 2D.
     """
-    return understand(paths[0], dimensions).poses
+    return read_described_table(paths[0], dimensions).poses
 
 
-def understand(path: Path, dimensions: int | None = None) -> Understood:
-    """Read a table, and say how it was understood. Raises InputError, FormatError."""
+def read_described_table(path: Path, dimensions: int | None = None) -> TableReading:
+    """Read a table as Poses; return them, and lines on how its columns were read.
+
+    Raises InputError, FormatError.
+    """
     text = read_text(path)
     header = parse_header(text)
     require(header, "it does not name columns of landmarks, see docs/formats.md")
@@ -115,39 +120,39 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
     grid = _read_long(table, header)
     body: Body = {}
     if not header.is_long:
-        body = _choose(header.bodies, dimensions)
+        body = _choose_body(header.bodies, dimensions)
         grid = _read_wide(table, header, body)
-    confidence = _weights(grid, header)
+    confidence = _combine_weights(grid, header)
     with_depth = "z" in grid.axes
-    if with_depth and "confidence" in grid.axes and not header.triangulated:
+    if with_depth and "confidence" in grid.axes and not header.is_triangulated:
         with_depth = False
     axes = "xyz" if with_depth else "xy"
     points = np.stack([grid.axes[axis] for axis in axes], axis=-1)
-    if with_depth and confidence is not None and not header.triangulated:
+    if with_depth and confidence is not None and not header.is_triangulated:
         points[confidence == 0] = np.nan
         confidence = None
-    fields, rows, of_images = _table_images(path, grid, header)
+    fields, rows, of_images = _find_images(path, grid, header)
     notes = [*grid.keys.guessed, *_notes_of_weights(grid, header)]
     if not header.is_long and len(header.bodies) > 1:
         notes.append(_note_on_bodies(header, body))
     if header.is_long and {*header.names} >= METRES_PER_NAMED_UNIT:
         fields |= {"unit": "m"}
-    elif unused := header.unused(grid.used):
+    elif unused := header.list_unused(grid.used):
         listed = abbreviate([*map(printable, unused)])
-        notes += [] if header.triangulated else [f"columns left out: {listed}"]
+        notes += [] if header.is_triangulated else [f"columns left out: {listed}"]
     fields["landmark_names"] = tuple(map(printable, grid.landmarks))
     fields["notes"] = tuple(notes)
-    poses = of_bodies(path, points, confidence, **fields)
+    poses = poses_from_bodies(path, points, confidence, **fields)
     lines = (
-        ("table", _layout(header)),
+        ("table", _describe_layout(header)),
         *of_images,
         *(("weights", text) for text in _notes_of_weights(grid, header)),
     )
-    return Understood(poses.take(rows), lines)
+    return TableReading(poses.take(rows), lines)
 
 
-def _layout(header: Header) -> str:
-    """Return a text on what a row of a table is, and what stands between cells."""
+def _describe_layout(header: Header) -> str:
+    """Describe a table: a row per image or landmark, and the delimiter of cells."""
     row = "landmark" if header.is_long else "image"
     between = DELIMITERS.get(header.delimiter, "quotes")
     return f"a row per {row}, cells between {between}"
@@ -156,8 +161,11 @@ def _layout(header: Header) -> str:
 # Cells.
 
 
-def _choose(bodies: Sequence[Body], dimensions: int | None) -> Body:
-    """Return the largest body of the wanted dimensions, else of 2, else the largest."""
+def _choose_body(bodies: Sequence[Body], dimensions: int | None) -> Body:
+    """Return the first body of `dimensions` dimensions, else the first 2D, else any.
+
+    bodies: those of the most landmarks first.
+    """
     for wanted in (dimensions, 2):
         for body in bodies:
             if wanted == (3 if _has_depth(body) else 2):
@@ -166,31 +174,31 @@ def _choose(bodies: Sequence[Body], dimensions: int | None) -> Body:
 
 
 def _has_depth(body: Body) -> bool:
-    """Whether the landmarks of a body are points in 3D."""
+    """Whether all landmarks of a body have z and no confidence: points in 3D."""
     return all("z" in axes and "confidence" not in axes for axes in body.values())
 
 
 def _note_on_bodies(header: Header, body: Body) -> str:
-    """Return a note on which of several bodies is read, and which are not."""
+    """Return a note that `body` is read, and the other bodies of the header are not."""
 
-    def named(one: Body) -> str:
-        """Return the first columns of a body, as the note names it."""
+    def describe(one: Body) -> str:
+        """Return the names of the first columns of a body, for the note."""
         axes = next(iter(one.values()))
         columns = [header.names[axes[axis]] for axis in "xyz" if axis in axes]
         return f"{', '.join(map(printable, columns))} ..."
 
-    read = f"{named(body)} are read, as {3 if _has_depth(body) else 2}D landmarks"
-    others = [named(one) for one in header.bodies if one is not body]
+    read = f"{describe(body)} are read, as {3 if _has_depth(body) else 2}D landmarks"
+    others = [describe(one) for one in header.bodies if one is not body]
     return f"{read}; {' and '.join(others)} are not"
 
 
 def _read_wide(table: Table, header: Header, body: Body) -> Grid:
-    """Read a table with a row per image."""
+    """Read the columns of a body in a table with a row per image."""
     for axis in WEIGHTS:  # of an image, for all its landmarks
         if axis in header.roles and not any(axis in axes for axes in body.values()):
             column = header.roles[axis]
             body = {name: {**axes, axis: column} for name, axes in body.items()}
-    values = _values_of(table, body)
+    values = _read_columns(table, body)
     unknown = np.full(len(table.rows), np.nan)
     axes = {
         axis: np.stack(
@@ -206,16 +214,16 @@ def _read_wide(table: Table, header: Header, body: Body) -> Grid:
     return Grid(axes, [*body], cells, keys, used)
 
 
-def _values_of(table: Table, body: Body) -> dict[int, Floats]:
-    """Return column -> its values (n,), for each column of a body."""
-    numbers, flags = _columns_of(body)
+def _read_columns(table: Table, body: Body) -> dict[int, Floats]:
+    """Return column -> values (n,) of each column of a body; yes is 1, no is 0."""
+    numbers, flags = _columns_by_kind(body)
     values = dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True))
     values.update(zip(flags, table.flags(flags).T, strict=True))
     return values
 
 
-def _columns_of(body: Body) -> tuple[list[int], list[int]]:
-    """Return the columns of a body that hold numbers, and those that hold yes or no."""
+def _columns_by_kind(body: Body) -> tuple[list[int], list[int]]:
+    """Return the indices of a body's columns of numbers, and of those of yes or no."""
     flagged = ("visible", "occluded")
     places = [item for axes in body.values() for item in axes.items()]
     numbers = {column for axis, column in places if axis not in flagged}
@@ -224,14 +232,14 @@ def _columns_of(body: Body) -> tuple[list[int], list[int]]:
 
 
 def _read_long(table: Table, header: Header) -> Grid:
-    """Read a table with a row per landmark of an image; an empty Grid for others."""
+    """Read a table with a row per landmark of an image; an empty Grid if it has not."""
     if not header.is_long:
         return Grid({}, (), {}, Keys({}), set())
     (names,) = table.texts(header.roles["landmark"])
-    names = _whole_names(names)
+    names = _strip_decimals(names)
     keys = _find_keys(table, header, names)
     roles = {a: header.roles[a] for a in ("x", "y", "z", *WEIGHTS) if a in header.roles}
-    values = _values_of(table, {"": roles})
+    values = _read_columns(table, {"": roles})
     texts = table.texts(*keys.columns.values()) or [[""] * len(names)]
     images, landmarks, places = _place_rows(table, keys, names, texts)
     image, landmark = np.array(places, np.int64).reshape(-1, 2).T
@@ -245,8 +253,8 @@ def _read_long(table: Table, header: Header) -> Grid:
     return Grid(axes, landmarks, cells, keys, used)
 
 
-def _whole_names(names: list[str]) -> list[str]:
-    """Return names such as 1.0 as 1, if all are such; else as they are.
+def _strip_decimals(names: list[str]) -> list[str]:
+    """Write names 1.0, 2.0 as 1, 2, if all are of this form.
 
     pandas writes 1.0 where cells are empty.
     """
@@ -258,11 +266,10 @@ def _whole_names(names: list[str]) -> list[str]:
 def _place_rows(
     table: Table, keys: Keys, names: Sequence[str], texts: Sequence[Sequence[str]]
 ) -> tuple[list[ImageKey], list[str], list[tuple[int, int]]]:
-    """Return the images, the landmarks, and the numbers of both for each row.
+    """Return unique images and landmarks, and (image, landmark) indices of each row.
 
-    An image is the `texts` of the columns that tell images apart.
-
-    Raises InputError for a landmark that is twice in an image.
+    An image is its `texts` in the columns `keys`; `names` (n,) are the landmarks of
+    rows. Raises InputError for a landmark that is twice in an image.
     """
     images: dict[ImageKey, int] = {}
     landmarks: dict[str, int] = {}
@@ -285,11 +292,11 @@ def _place_rows(
 # Weights.
 
 
-def _weights(grid: Grid, header: Header) -> Floats | None:
-    """Return the weights (n, p) of landmarks; None where no column states any.
+def _combine_weights(grid: Grid, header: Header) -> Floats | None:
+    """Return weights (n, p) = confidence x visible x (1 - occluded), None without any.
 
-    They are confidence x visible x (1 - occluded), each 1 where its cell is empty.
-    Raises FormatError for what is no confidence and no yes or no.
+    Each is 1 where its cell is empty. Raises FormatError for what is no confidence and
+    no yes or no.
     """
     weights = None
     for axis in WEIGHTS:
@@ -297,7 +304,7 @@ def _weights(grid: Grid, header: Header) -> Floats | None:
             continue
         values = grid.axes[axis]
         if axis != "confidence":
-            _check_flags(values, axis, _column_of(axis, header))
+            _check_flags(values, axis, _name_of_column(axis, header))
         flags_of_coco = np.isin(values[np.isfinite(values)], (0, 1, 2)).all()
         if axis != "occluded" and flags_of_coco:
             values = np.minimum(values, 1)  # 2 of COCO is seen, 1 is marked
@@ -309,9 +316,9 @@ def _weights(grid: Grid, header: Header) -> Floats | None:
 
 
 def _check_flags(values: Floats, axis: str, column: str) -> None:
-    """Raise FormatError for weights that are not within 0 and 1, or 0, 1 and 2 of COCO.
+    """Raise FormatError for weights outside 0 to 1, or 0 to 2 for `visible` as of COCO.
 
-    The latter for `visible`. column is what the message calls theirs.
+    axis: visible or occluded; column: the name of the weights in the message.
     """
     finite = values[np.isfinite(values)]
     of_coco = axis == "visible" and np.isin(finite, (0, 1, 2)).all()
@@ -321,8 +328,8 @@ def _check_flags(values: Floats, axis: str, column: str) -> None:
     require(not len(wrong), f"{found} in the column {column}; write 0 or 1, no or yes")
 
 
-def _column_of(axis: str, header: Header) -> str:
-    """Return the name of the column, or the first of several, that holds a weight."""
+def _name_of_column(axis: str, header: Header) -> str:
+    """Return the name of the first column of a weight, such as `visible`."""
     if axis in header.roles:
         return printable(header.names[header.roles[axis]])
     columns = [
@@ -332,13 +339,13 @@ def _column_of(axis: str, header: Header) -> str:
 
 
 def _notes_of_weights(grid: Grid, header: Header) -> list[str]:
-    """Return notes on columns that hide landmarks, or weight all of an image."""
+    """Return notes on columns read as weights, of landmarks or of a whole image."""
     notes = []
     meaning = {"visible": "0 is hidden", "occluded": "1 is hidden"}
     for axis in WEIGHTS:
         if axis not in grid.axes:
             continue
-        column = _column_of(axis, header)
+        column = _name_of_column(axis, header)
         if axis in meaning:
             notes.append(f"column {column!r} read as weights: {meaning[axis]}")
         if not header.is_long and header.roles.get(axis, -1) in grid.used:
@@ -350,11 +357,12 @@ def _notes_of_weights(grid: Grid, header: Header) -> list[str]:
 
 
 def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) -> Keys:
-    """Return the columns that tell images apart; `landmarks` (rows) of a long table.
+    """Find the columns that tell images apart: item, frame, time, sequence, individual.
 
-    Where no column is called so, one of unique cells names the images: of texts, or the
-    first, or what is called an individual. Rows without a number or a time are single
-    images.
+    landmarks: those of the rows of a long table, None for a wide one. Where no column
+    is called item, frame or time, one of unique cells names the images: of texts, or
+    the first, or what is called an individual. Rows without a number or a time are
+    single images.
     """
     columns = {a: header.roles[a] for a in OF_IMAGES if a in header.roles}
     columns = {a: at for a, at in columns.items() if any(table.texts(at)[0])}
@@ -363,10 +371,10 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
     if {"item", "frame", "time"} & columns.keys():
         return Keys(columns)
     if header.is_long or "sequence" not in columns:
-        column = _naming_column(table, header, landmarks, columns)
+        column = _find_naming_column(table, header, landmarks, columns)
         if column is not None:
             columns = {a: at for a, at in columns.items() if at != column}
-            named = printable(header.called(column))
+            named = printable(header.describe(column))
             text = f"items are named by the column {named}, their rows single images"
             fix = "call it `frame` if these are frames of one video"
             return Keys({**columns, "item": column}, (f"{text}; {fix}",))
@@ -378,7 +386,7 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
 
 
 def _has_times(table: Table, columns: Mapping[str, int]) -> bool:
-    """Whether the column of times has a number in each row, and one for each image.
+    """Whether the column of times is all numbers, one for each image.
 
     The latter where another column numbers the images.
     """
@@ -393,24 +401,27 @@ def _has_times(table: Table, columns: Mapping[str, int]) -> bool:
     return len(timed) == len(images)
 
 
-def _naming_column(
+def _find_naming_column(
     table: Table,
     header: Header,
     landmarks: Sequence[str] | None,
     columns: Mapping[str, int],
 ) -> int | None:
-    """Return the column whose cells tell the images apart; None where there is none."""
-    held = {*header.roles.values()}
-    held |= {
+    """Return the index of a column whose cells can name the images, None without one.
+
+    Columns of another role do not count, but for those of individual and sequence.
+    """
+    taken = {*header.roles.values()}
+    taken |= {
         at for body in header.bodies for own in body.values() for at in own.values()
     }
-    free = [column for column in range(len(header.names)) if column not in held]
+    free = [column for column in range(len(header.names)) if column not in taken]
     asked = [columns[a] for a in ("individual", "sequence") if a in columns]
     asked = asked if header.is_long else asked[:1]
     numbered = None
     for column in sorted({*free, *asked}):
         (cells,) = table.texts(column)
-        if not _tell_apart(cells, landmarks):
+        if not _are_image_names(cells, landmarks):
             continue
         values, wrong = read_numbers(cells)
         if wrong.any():
@@ -421,8 +432,8 @@ def _naming_column(
     return numbered
 
 
-def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
-    """Whether cells name images: rows of a wide table, else groups of landmarks."""
+def _are_image_names(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
+    """Whether a column can name images: each row, or groups of unique `landmarks`."""
     if "" in cells or not cells:
         return False
     names = {*cells}
@@ -432,34 +443,35 @@ def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
     return len(pairs) == len(cells) and len(names) < len(cells)
 
 
-def _table_images(
+def _find_images(
     path: Path, grid: Grid, header: Header
 ) -> tuple[FrameFields, Integers, tuple[Line, ...]]:
-    """Return the fields of `Poses` on images, the order of rows, and lines on these.
+    """Find frames, times, labels, videos and individuals of a table's images.
 
-    The lines say how items and frames were understood.
+    Returns these as fields of `Poses`, the indices that sort images by video and frame,
+    and lines that say how items and frames were read.
     """
     cells, count = grid.cells, len(grid.axes["x"])
     stem = video_name(path)
     order = np.arange(count)
 
-    def called(role: str) -> str:
-        """Return the column of a role as messages name it."""
-        return f"column {printable(header.called(grid.keys.columns[role]))}"
+    def column_of(role: str) -> str:
+        """Return how messages name the column of a role."""
+        return f"column {printable(header.describe(grid.keys.columns[role]))}"
 
     fields: FrameFields = {}
     if "individual" in cells:
-        fields["individual"] = [*map(_individual, cells["individual"])]
+        fields["individual"] = [*map(_parse_individual, cells["individual"])]
     if "sequence" in cells:
         videos = [*map(printable, cells["sequence"])]
         prefix = "" if "item" in cells else f"{stem}/"
         fields["video"] = [f"{prefix}{video}" for video in videos]
     if "item" in cells:
         fields |= {"labels": [*map(printable, cells["item"])], "named": True}
-        items: Line = ("items", called("item"))
+        items: Line = ("items", column_of("item"))
     if "frame" in cells:
         named = "item" in cells
-        fields["frame"], order = _table_frames(
+        fields["frame"], order = _parse_frames(
             cells["frame"], fields.get("video"), named
         )
         labels = [
@@ -467,19 +479,19 @@ def _table_images(
             for cell in cells["frame"]
         ]
         fields.setdefault("labels", labels)
-        frames: Line = ("frames", f"numbers in {called('frame')}")
+        frames: Line = ("frames", f"numbers in {column_of('frame')}")
     elif "time" in cells:
         seconds, _ = read_numbers(cells["time"])
-        fields["frame"] = _frames_of_times(seconds, fields.get("video"))
-        order, _ = _table_order(seconds, fields.get("video"))
+        fields["frame"] = _frames_in_videos(seconds, fields.get("video"))
+        order, _ = _sort_by_video(seconds, fields.get("video"))
         fields.setdefault("labels", number_labels(seconds))
-        frames = ("frames", f"times in {called('time')}")
+        frames = ("frames", f"times in {column_of('time')}")
     elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):
         frames = ("frames", "the rows in their order")
         fields |= {"unit": "mm"} if _is_freemocap(header) else {}
     else:
         frames = ("frames", "none: single images")
-        fields |= _single_images(stem, cells, fields, count)
+        fields |= _fields_of_single_images(stem, fields, count)
     if "time" in cells:
         seconds, _ = read_numbers(cells["time"])
         rate = find_rate(fields["frame"][order], seconds[order])
@@ -490,14 +502,14 @@ def _table_images(
     return fields, order, (items, frames)
 
 
-def _single_images(
-    stem: str, cells: Mapping[str, Sequence[str]], fields: FrameFields, count: int
-) -> FrameFields:
-    """Return the fields of images that are not known to be frames of a video."""
-    if "labels" in fields:
-        people = fields.get("individual", [""] * count)
-        return {"individual": people, "unordered": True}
+def _fields_of_single_images(stem: str, fields: FrameFields, count: int) -> FrameFields:
+    """Return labels and individuals of `count` images that are no frames of a video.
+
+    stem: the name of the file, with which labels begin where `fields` has none.
+    """
     people = fields.get("individual", [""] * count)
+    if "labels" in fields:
+        return {"individual": people, "unordered": True}
     parts = [
         filter(None, (stem, who, str(row) if count > 1 else ""))
         for row, who in enumerate(people)
@@ -507,8 +519,8 @@ def _single_images(
     return {"labels": labels, "named": True, "individual": unknown, "unordered": True}
 
 
-def _individual(cell: str) -> str:
-    """Return the individual in a cell: `id 3` for 3, and "" for -1 or nothing.
+def _parse_individual(cell: str) -> str:
+    """Return the name of the individual in a cell: `id 3` for 3, "" for -1 or empty.
 
     Files of detectors name it in this way.
     """
@@ -516,8 +528,8 @@ def _individual(cell: str) -> str:
     return printable(cell) if wrong.any() else name_individual(float(value))
 
 
-def _whole_numbers(cells: Sequence[str]) -> list[int]:
-    """Return cells as whole numbers. Raises FormatError for the first that is none."""
+def _parse_integers(cells: Sequence[str]) -> list[int]:
+    """Convert cells to integers; FormatError for the first that is none."""
     values, _ = read_numbers(cells)
     wrong = ~(np.abs(values) < 2.0**53) | (
         values % 1 != 0
@@ -530,25 +542,25 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
     return [*map(int, values.tolist())]
 
 
-def _table_frames(
+def _parse_frames(
     cells: Sequence[str], videos: Sequence[str] | None, named: bool
 ) -> tuple[Integers, Integers]:
-    """Return the frames in their videos, from 0 for the first, and the order of rows.
+    """Convert cells to frame numbers, from 0 in each video; return their order, too.
 
-    Those of items that are named keep their numbers, as in our CSV. Raises FormatError
-    for no whole number.
+    The order is the indices that sort rows by video and frame. Frames of items that are
+    named keep their numbers, as in our CSV. Raises FormatError for no whole number.
     """
-    frames = np.array(_whole_numbers(cells), np.int64)
-    order, first = _table_order(frames, videos)
+    frames = np.array(_parse_integers(cells), np.int64)
+    order, first = _sort_by_video(frames, videos)
     return frames if named else frames - frames[first], order
 
 
-def _table_order(
+def _sort_by_video(
     values: Floats | Integers, videos: Sequence[str] | None
 ) -> tuple[Integers, Integers]:
-    """Return the order of rows by video and value, and the first row of each video.
+    """Return the indices that sort rows by video and value, and each row's first row.
 
-    The latter (n,) is for each row that of its own video.
+    Both (n,). The first row is that of the least value in the same video.
     """
     videos = videos or [""] * len(values)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
@@ -557,12 +569,13 @@ def _table_order(
     return order, order[np.searchsorted(ranks[order], ranks)]
 
 
-def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
-    """Return the frames (n,) of times in their videos, from 0 for the first of each.
+def _frames_in_videos(seconds: Floats, videos: Sequence[str] | None) -> Integers:
+    """Convert times (n,) in seconds to frame numbers, which begin at 0 in each video.
 
-    They are those of one grid for all videos, else counted.
+    Where the times since the first of their video lie on one grid of equal steps, the
+    steps are counted; else the times. videos (n,): the name of each time's video.
     """
-    _, first = _table_order(seconds, videos)
+    _, first = _sort_by_video(seconds, videos)
     since = np.round(seconds - seconds[first], MICROSECONDS)
     moments, place = np.unique(since, return_inverse=True)
     on_grid = frames_of_times(moments, None)
@@ -579,12 +592,12 @@ def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
 
 
 def _is_freemocap(header: Header) -> bool:
-    """Whether its columns are FreeMoCap's, whose rows are frames of a recording."""
+    """Whether the columns of a table are FreeMoCap's, whose rows are frames."""
     return any({"body_nose", "body_left_hip"} <= {*body} for body in header.bodies)
 
 
 def is_caliscope(head: Head) -> bool:
-    """Whether columns have the names that only caliscope gives them."""
+    """Whether a table has the columns that only caliscope writes."""
     return {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns}
 
 
@@ -597,7 +610,7 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     """
     poses = read_any_table(paths)
     assert poses.landmark_names is not None
-    ids = _whole_numbers(poses.landmark_names)
+    ids = _parse_integers(poses.landmark_names)
     body = dict(enumerate(installed_skeletons()["mediapipe_33"].landmark_names))
     stem = paths[0].name.partition(".")[0]
     return replace(

@@ -41,10 +41,10 @@ _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
 
 def read_json(path: Path, *, keep: bool = False) -> object:
-    """Return the content of a JSON file; InputError, naming the line, for others.
+    """Parse a JSON file; InputError, naming the line, where it is none.
 
-    To `keep` it for the next call takes 0.7 of the time in all. NaN and Infinity, which
-    Python writes, are read, too.
+    To `keep` the content for the next call takes 0.7 of the time in all. NaN and
+    Infinity, which Python writes, are read, too.
     """
     state = os.stat(path)
     content = _parse_json(path, state.st_mtime_ns, state.st_size)
@@ -54,8 +54,8 @@ def read_json(path: Path, *, keep: bool = False) -> object:
 
 
 @lru_cache(maxsize=1)
-def _parse_json(path: Path, _time: int, _size: int) -> object:
-    """Return the content of a JSON file, remembered while its time and size stay."""
+def _parse_json(path: Path, _mtime_ns: int, _size: int) -> object:
+    """Parse a JSON file; cached while its modification time and size stay."""
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     if not data.strip():
         raise input_error(path, "is empty", "make or copy it again, or take it away")
@@ -72,10 +72,7 @@ def _parse_json(path: Path, _time: int, _size: int) -> object:
 
 
 def decode(data: bytes) -> str:
-    """Return bytes as text: of UTF-8, UTF-16 with a mark, or else Latin-1.
-
-    What can be written in several ways in Unicode is written in one.
-    """
+    """Decode UTF-8, UTF-16 with a mark, or else Latin-1, to composed Unicode (NFC)."""
     if data.startswith(UTF16_MARKS):
         text = data.decode("utf-16", "replace")
     else:
@@ -87,7 +84,7 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: Path) -> str:
-    r"""Return a text with lines that end in \n.
+    r"""Read a text file, decoded, with lines that end in \n.
 
     Raises InputError for a zero byte, and for more lines than memory holds, or any text
     has.
@@ -106,8 +103,8 @@ def read_text(path: Path) -> str:
     return text
 
 
-def floats(words: Sequence[str], count: int | None = None) -> list[float]:
-    """Return words as finite numbers; FormatError for others, or another `count`."""
+def parse_floats(words: Sequence[str], count: int | None = None) -> list[float]:
+    """Convert words to finite numbers; FormatError for others, or another `count`."""
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
     values: list[float] = read_numbers(words)[0].tolist()
     wrong = [
@@ -131,8 +128,8 @@ INSIDE = "\x1f"
 
 
 class Table(NamedTuple):
-    """The rows of a table (n,), their cells not yet divided, and their lines (n,) in
-    the file.
+    """A table as rows of text (n,), not yet split into cells, and their line numbers
+    (n,) in the file.
     """
 
     path: Path
@@ -142,7 +139,7 @@ class Table(NamedTuple):
     delimiter: str
 
     def texts(self, *columns: int) -> list[list[str]]:
-        """Return a list of the cells of each column, without the spaces around them."""
+        """Return the cells of each of these columns, without spaces around them."""
         last = max(columns, default=0) + 1
         cells = [row.split(self.delimiter, last) for row in self.rows]
         texts = [[row[column].strip() for row in cells] for column in columns]
@@ -154,7 +151,7 @@ class Table(NamedTuple):
         return texts
 
     def flags(self, columns: Sequence[int]) -> Floats:
-        """Return columns (n, ...) of yes (1) and no (0), or of numbers; NaN for empty.
+        """Return columns (n, c) of yes and no as 1 and 0, or of numbers; NaN for empty.
 
         Raises InputError for other cells.
         """
@@ -169,7 +166,7 @@ class Table(NamedTuple):
         return values
 
     def numbers(self, columns: Sequence[int], *, finite: bool = False) -> Floats:
-        """Return columns as numbers (n, ...), NaN for empty cells.
+        """Return these columns as numbers (n, c), NaN for empty cells.
 
         Raises InputError for cells that are no numbers, or, where all must be `finite`,
         infinite.
@@ -194,7 +191,7 @@ class Table(NamedTuple):
         return values
 
     def _plain_numbers(self, columns: Sequence[int]) -> Floats | None:
-        """Return columns (n, ...) if all cells are plain numbers or empty; else None.
+        """Return columns as numbers (n, c) if all cells are plain or empty, else None.
 
         JSON reads 21 MB of DeepLabCut's CSV in half the time that NumPy takes.
         """
@@ -219,10 +216,11 @@ def read_table(
     after: int,
     padded: bool = False,
 ) -> Table:
-    """Return the rows with any content in a text, after so many lines.
+    """Split a text into rows of a table; empty lines and the first `after` are skipped.
 
-    Cells in quotes may hold the delimiter. `padded` rows may have other numbers of
-    empty cells at their end. Raises InputError for rows of other widths.
+    names: those of the columns. Cells in quotes may hold the delimiter. `padded` rows
+    may have other numbers of empty cells at their end. Raises InputError for rows of
+    other widths.
     """
     blank = f" \t{delimiter}"
     rows: list[str] = []
@@ -250,7 +248,7 @@ def read_table(
 
 
 def _filled_lines(text: str, blank: str) -> Iterator[tuple[int, str]]:
-    """Yield number and text of each line that holds more than `blank` letters.
+    """Yield (line number, line) of each line with a character other than `blank` ones.
 
     The others, of which a small packed file can hold millions, take no memory.
     """

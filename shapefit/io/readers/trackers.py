@@ -19,7 +19,7 @@ from shapefit.geometry.normalisation import metres_in
 from shapefit.io.formats import Head
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.declared import checked, parsed
+from shapefit.io.readers.declared import check_json, parse_json
 from shapefit.io.readers.poses import (
     Edges,
     FormatError,
@@ -28,7 +28,7 @@ from shapefit.io.readers.poses import (
     frames_of_times,
     number_labels,
     number_repeats,
-    of_frames,
+    poses_from_frames,
     require,
     video_name,
 )
@@ -39,7 +39,7 @@ class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
 
     def names(self, group: str = "/") -> list[str]:
-        """Return the names in a group; [] where it is absent."""
+        """Return the names of the nodes in a group; [] where it is absent."""
         with self.damage_as_input_error(group.strip("/")):
             node = self.root.get(group)
             names = [*node] if isinstance(node, h5py.Group) else []
@@ -48,22 +48,22 @@ class TrackerFile(Hdf5File):
         return names
 
     def numbers(self, name: str) -> Floats:
-        """Return a dataset as numbers; FormatError where it holds none."""
-        values = np.asarray(self.rows(name))
+        """Read a dataset as float64; FormatError where it holds no numbers."""
+        values = np.asarray(self.read_rows(name))
         require(values.dtype.kind in "biuf", f"{name} holds no numbers")
         return values.astype(np.float64)
 
     def numbers_if_any(self, name: str) -> Floats | None:
-        """Return a dataset as numbers; None where it is absent."""
-        return self.numbers(name) if self.is_dataset(name) else None
+        """Read a dataset as float64; None where it is absent."""
+        return self.numbers(name) if self.has_dataset(name) else None
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a dataset of texts; () where it is absent or empty.
+        """Read a dataset of texts; () where it is absent or empty.
 
         SLEAP writes an empty one as numbers. Raises FormatError for others.
         """
         values = np.ravel(
-            np.asarray(self.rows(name), object) if self.is_dataset(name) else ()
+            np.asarray(self.read_rows(name), object) if self.has_dataset(name) else ()
         )
         require(
             all(isinstance(value, str) for value in values), f"{name} holds no text"
@@ -71,8 +71,8 @@ class TrackerFile(Hdf5File):
         return tuple(values.tolist())
 
     def table(self, name: str, columns: Sequence[str]) -> NDArray[np.void]:
-        """Return a dataset of rows with these columns of numbers; else FormatError."""
-        rows = np.asarray(self.rows(name))
+        """Read a structured dataset; FormatError unless `columns` are all numbers."""
+        rows = np.asarray(self.read_rows(name))
         lacking = [one for one in columns if one not in (rows.dtype.names or ())]
         require(not lacking, f"{name} has no column {abbreviate(lacking)}")
         kinds = {rows.dtype[one].kind for one in columns}
@@ -80,7 +80,7 @@ class TrackerFile(Hdf5File):
         return rows
 
     def text(self, attribute: str, node: str = "/") -> str:
-        """Return an attribute as text; "" for none."""
+        """Return an attribute of a node as text; "" where it is absent."""
         value = self.attribute(attribute, node) or ""
         return (
             value.decode("utf-8", "backslashreplace")
@@ -89,7 +89,7 @@ class TrackerFile(Hdf5File):
         )
 
     def number(self, attribute: str, node: str = "/") -> float:
-        """Return an attribute as a number, 0 at least; 0 where it is absent.
+        """Return an attribute of a node as a number >= 0; 0 where it is absent.
 
         Of several numbers the first. Raises FormatError for what is no number.
         """
@@ -101,9 +101,9 @@ class TrackerFile(Hdf5File):
         return max(float(value), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
-        """Return the pairs of landmarks in a dataset (e, 2); () if absent or empty.
+        """Read edges from a dataset (e, 2), indices of `count` landmarks; () if absent.
 
-        Raises FormatError for landmarks that are not among so many.
+        Raises FormatError for other indices.
         """
         given = self.numbers_if_any(name)
         if given is None or not given.size:
@@ -123,7 +123,7 @@ FRAMES_FIRST = ("frame", "track", "node", "xy")
 
 
 def is_sleap_analysis(head: Head) -> bool:
-    """Whether an HDF5 file has tracks and the names of nodes."""
+    """Whether a file is HDF5 with the datasets of SLEAP's analysis."""
     return {"tracks", "node_names"} <= head.hdf5
 
 
@@ -154,9 +154,9 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         axes = [*(FRAMES_FIRST if frames_first > sleap else SLEAP_ORDER)]
     else:
         axes = (
-            checked(list[str], dims)
+            check_json(list[str], dims)
             if isinstance(dims, list)
-            else parsed(list[str], str(dims), "the attribute dims")
+            else parse_json(list[str], str(dims), "the attribute dims")
         )
     known = sorted(axes) == sorted(FRAMES_FIRST)
     require(known, f"tracks has the axes {abbreviate([*axes])}")
@@ -174,7 +174,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     names = tuple(
         name or f"track_{number}" for number, name in enumerate(names or ("",) * many)
     )
-    return of_frames(
+    return poses_from_frames(
         paths[0],
         points,
         scores,
@@ -236,8 +236,8 @@ class _Metadata(TypedDict):
 
 
 class SlpFile(NamedTuple):
-    """What a .slp file holds; `tables` are the points that a user placed, and those
-    predicted.
+    """The content of a .slp file; `tables` are the points that a user placed, and the
+    predicted points.
     """
 
     track_names: tuple[str, ...]
@@ -257,7 +257,7 @@ class SlpSkeleton(NamedTuple):
 
 
 def is_slp(head: Head) -> bool:
-    """Whether an HDF5 file has the tables of SLEAP and their version."""
+    """Whether a file is HDF5 with the tables of SLEAP's .slp."""
     return {"metadata@format_id", "frames", "instances"} <= head.hdf5
 
 
@@ -269,10 +269,10 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     made, or which has its track in the frame. Before version 1.1 the middle of the
     first pixel was at 0.5.
     """
-    file = _open_slp(paths[0])
+    file = _read_slp_tables(paths[0])
     order = np.lexsort((file.frames["frame_idx"], file.frames["video"]))
     frames = file.frames[order]
-    instances, of_frame = _instances_of(frames, file.instances)
+    instances, of_frame = _instances_by_frame(frames, file.instances)
     video = frames["video"][of_frame].astype(np.int64)
     frame = frames["frame_idx"][of_frame].astype(np.int64)
     track = instances["track"].astype(np.int64)
@@ -306,22 +306,23 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     ).take(~replaced)
 
 
-def _open_slp(path: Path) -> SlpFile:
-    """Read the tables of a .slp file, with the columns that are used."""
+def _read_slp_tables(path: Path) -> SlpFile:
+    """Read tracks, videos, skeletons and tables of a .slp file, and check them."""
     with TrackerFile(path) as file:
         tracks = [
-            parsed(list[object], text, "tracks_json")
+            parse_json(list[object], text, "tracks_json")
             for text in file.texts("tracks_json")
         ]
         require(all(len(track) > 1 for track in tracks), "a track without a name")
         videos = [
-            parsed(_Video, text, "videos_json") for text in file.texts("videos_json")
+            parse_json(_Video, text, "videos_json")
+            for text in file.texts("videos_json")
         ]
-        metadata = parsed(_Metadata, file.text("json", "metadata"), "metadata@json")
+        metadata = parse_json(_Metadata, file.text("json", "metadata"), "metadata@json")
         format_id = file.number("format_id", "metadata")
         return SlpFile(
             track_names=tuple(str(track[1]) for track in tracks),
-            video_names=number_repeats([_name_of_video(video) for video in videos]),
+            video_names=number_repeats([_video_stem(video) for video in videos]),
             skeletons=[
                 _read_slp_skeleton(one, metadata["nodes"])
                 for one in metadata["skeletons"]
@@ -336,17 +337,17 @@ def _open_slp(path: Path) -> SlpFile:
         )
 
 
-def _name_of_video(video: _Video) -> str:
-    """Return the name of a video, or of its first image, without folder and ending."""
+def _video_stem(video: _Video) -> str:
+    """Return the name of a video, or of its first image, without folder and suffix."""
     backend = video.get("backend") or {}
     name = video.get("filename") or backend.get("filename") or "video"
     return PureWindowsPath(name if isinstance(name, str) else name[0]).stem
 
 
 def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
-    """Return the nodes of a skeleton of .slp, and those of its links that are edges.
+    """Parse the JSON of a skeleton in .slp into its nodes and edges.
 
-    Their type, or the place of a type that was stated before, is 1.
+    Edges are the links of type 1, or with the number of an earlier link's type 1.
 
     A skeleton that comes from a preset has its graph in `nx_graph`.
     """
@@ -364,7 +365,7 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
         stated_kind = link.get("type")
         kind = stated_kind if isinstance(stated_kind, dict) else {}
         if "py/reduce" in kind:
-            types.append(_type_of_edge(kind["py/reduce"]))
+            types.append(_parse_edge_type(kind["py/reduce"]))
         stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
         place = stated if isinstance(stated, int) else 1
         is_body = dict(enumerate(types, 1)).get(place, place) == 1
@@ -377,10 +378,10 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     return SlpSkeleton(names, tuple(edges))
 
 
-def _type_of_edge(pickled: object) -> int:
-    """Return the type of an edge as jsonpickle writes it; 0 for what is none.
+def _parse_edge_type(pickled: object) -> int:
+    """Parse the type of an edge from jsonpickle's [.., {py/tuple: [type]}, ..].
 
-    It is [.., {py/tuple: [type]}, ..].
+    It is 0 for other values.
     """
     steps = pickled[1] if isinstance(pickled, list) and len(pickled) > 1 else None
     values = steps.get("py/tuple") if isinstance(steps, dict) else None
@@ -388,10 +389,10 @@ def _type_of_edge(pickled: object) -> int:
     return first if isinstance(first, int) else 0
 
 
-def _instances_of(
+def _instances_by_frame(
     frames: NDArray[np.void], instances: NDArray[np.void]
 ) -> tuple[NDArray[np.void], Integers]:
-    """Return the instances of all frames in order, and the row of the frame of each.
+    """Return the instances in order of frames (n,), and the index of each one's frame.
 
     Raises FormatError for instances that are not there, or are shared.
     """
@@ -406,7 +407,7 @@ def _instances_of(
 
 
 def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of all skeletons, and their edges as pairs of positions."""
+    """Merge skeletons; return the names of all nodes, and edges as pairs of indices."""
     names = tuple(
         dict.fromkeys(node for skeleton in skeletons for node in skeleton.nodes)
     )
@@ -417,7 +418,7 @@ def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], 
 def _place_points(
     file: SlpFile, instances: NDArray[np.void], names: Sequence[str]
 ) -> Floats:
-    """Return x, y and score of the nodes of instances (n, names, 3), NaN for none."""
+    """Return x, y and score (n, p, 3) of n instances for all `names`, NaN if absent."""
     kind = instances["instance_type"].astype(np.int64)
     skeleton = instances["skeleton"].astype(np.int64)
     require(np.isin(kind, (USER, PREDICTED)).all(), "instances of an unknown type")
@@ -428,7 +429,7 @@ def _place_points(
         columns = np.array([names.index(node) for node in nodes], np.int64)
         for chosen in (USER, PREDICTED):
             mine = np.flatnonzero((kind == chosen) & (skeleton == number))
-            cells = _cells_of(file.tables[chosen], instances[mine], len(nodes))
+            cells = _point_rows(file.tables[chosen], instances[mine], len(nodes))
             hidden = ~cells["visible"].astype(bool)
             for place, axis in enumerate("xy"):
                 values = np.where(hidden, np.nan, cells[axis] - file.shift)
@@ -438,12 +439,12 @@ def _place_points(
     return points
 
 
-def _cells_of(
+def _point_rows(
     table: NDArray[np.void], instances: NDArray[np.void], count: int
 ) -> NDArray[np.void]:
-    """Return the rows (n, count) of a table of points that belong to n instances.
+    """Return the rows (n, count) of a table of points for n instances.
 
-    Raises FormatError for instances that do not have so many.
+    Raises FormatError for instances of another number of points.
     """
     start = instances["point_id_start"].astype(np.int64)
     end = instances["point_id_end"].astype(np.int64)
@@ -457,7 +458,11 @@ def _cells_of(
 def _are_replaced(
     instances: NDArray[np.void], video: Integers, frame: Integers
 ) -> Flags:
-    """Return which predicted instances (n,) a user has replaced by others."""
+    """Return a mask (n,) of predicted instances that a user's instance replaces.
+
+    video and frame (n,) are those of instances. A user's instance has the same track in
+    the frame, or was made from the predicted one.
+    """
     user = instances["instance_type"] == USER
     track = instances["track"].astype(np.int64)
     keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
@@ -511,7 +516,7 @@ UNASSIGNED = 0
 
 
 def is_jabs(head: Head) -> bool:
-    """Whether an HDF5 file has the points of JABS."""
+    """Whether a file is HDF5 with the dataset of points of JABS."""
     return {"poseest/points"} <= head.hdf5
 
 
@@ -539,7 +544,7 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
     require(same, "other confidences than landmarks")
     points = np.where(confidence[..., None] > 0, points, np.nan)
     if not several:
-        return of_frames(
+        return poses_from_frames(
             paths[0], points, confidence, landmark_names=MOUSE, edges=LINES
         )
     frames, mice = points.shape[:2]
@@ -573,12 +578,12 @@ AXES = ("time", "individual", "keypoint", "space")
 
 
 def is_movement(head: Head) -> bool:
-    """Whether an HDF5 file has the attribute that movement gives its data."""
+    """Whether a file is HDF5 with the attribute `ds_type` of movement."""
     return {"@ds_type"} <= head.hdf5
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
-    """Read the poses in movement's netCDF, which is HDF5.
+    """Read the poses in a netCDF file of movement, which is HDF5.
 
     `position` is over time, space, keypoints, individuals, in any order; newer versions
     say `keypoint` and `individual`. Raises FormatError for data of another kind.
@@ -588,12 +593,12 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
         points = _read_in_axis_order(file, "position", AXES)
         times = file.numbers_if_any("time")
-        scored = file.is_dataset("confidence")
+        scored = file.has_dataset("confidence")
         confidence = (
             _read_in_axis_order(file, "confidence", AXES[:3]) if scored else None
         )
         individuals, landmarks, space = (
-            file.texts(axis if file.is_dataset(axis) else f"{axis}s")
+            file.texts(axis if file.has_dataset(axis) else f"{axis}s")
             for axis in AXES[1:]
         )
         rate = file.number("fps")
@@ -604,7 +609,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     )
     same = times is None or times.shape == points.shape[:1]
     require(same, "another number of times than of frames")
-    poses = of_frames(
+    poses = poses_from_frames(
         paths[0],
         points,
         confidence,
@@ -621,7 +626,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_in_axis_order(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
-    """Return a dataset of numbers with its axes in the wanted order, by their names.
+    """Read a dataset, its axes transposed to the `wanted` order of their names.
 
     Raises FormatError where it has other axes.
     """
@@ -645,7 +650,7 @@ UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
 
 class Series(NamedTuple):
-    """A landmark of an animal over n times.
+    """One landmark of an animal over n times.
 
     points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and unit.
     """
@@ -662,7 +667,7 @@ SeriesOfAnimals = dict[tuple[str, str], Series]
 
 
 def is_nwb(head: Head) -> bool:
-    """Whether an HDF5 file has the version of NWB."""
+    """Whether a file is HDF5 with the attribute `nwb_version`."""
     return {"@nwb_version"} <= head.hdf5
 
 
@@ -672,10 +677,11 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     Raises FormatError where there is none, or one twice.
     """
     with TrackerFile(paths[0]) as file:
-        groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
+        # modules, animals and their series
+        groups = [*_walk_groups(file, "processing", 5)]
         series = _read_all_series(file, groups)
         nodes, pairs = _read_nwb_skeleton(file, groups)
-    names = _landmarks_in_order(series, nodes)
+    names = _order_landmarks(series, nodes)
     animals = [*dict.fromkeys(animal for animal, _ in series)]
     axes = {one.points.shape[1] for one in series.values()}
     require(len(axes) == 1, "2D and 3D series; save them in files of their own")
@@ -685,7 +691,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     frames = frames_of_times(times, rate)
     if rate is None and frames is not None:
         rate = find_rate(np.array(frames), times)
-    return of_frames(
+    return poses_from_frames(
         paths[0],
         points,
         None if np.isnan(confidence).all() else confidence,
@@ -705,19 +711,19 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
-    """Yield the paths of the groups below a group, down to `levels` levels."""
+def _walk_groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
+    """Yield the paths of the groups inside a group, down to `levels` levels."""
     for name in file.names(group) if levels else ():
         inner = f"{group}/{name}"
         with file.damage_as_input_error(inner):
             is_group = isinstance(file.root.get(inner), h5py.Group)
         if is_group:
             yield inner
-            yield from _groups(file, inner, levels - 1)
+            yield from _walk_groups(file, inner, levels - 1)
 
 
 def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimals:
-    """Return the series of all PoseEstimations among groups; FormatError for none."""
+    """Read the series of all PoseEstimations among groups; FormatError for none."""
     kinds = {name: file.text("neurodata_type", name) for name in groups}
     series: SeriesOfAnimals = {}
     for name in groups:
@@ -735,7 +741,7 @@ def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimal
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    """Return the points, confidences and times of one landmark, in its group.
+    """Read the points, confidences and times of one landmark from its group.
 
     Raises FormatError where times do not increase, or numbers of values differ.
     """
@@ -749,7 +755,7 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     points += offset
     confidence = file.numbers_if_any(f"{group}/confidence")
     confidence = np.full(len(points), np.nan) if confidence is None else confidence
-    if file.is_dataset(start):
+    if file.has_dataset(start):
         rate = file.number("rate", start)
         first = file.numbers(start)
         require(first.size == 1, f"{start} is not one number")
@@ -768,16 +774,17 @@ def _read_series(file: TrackerFile, group: str) -> Series:
 def _read_nwb_skeleton(
     file: TrackerFile, groups: Sequence[str]
 ) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes and edges of the first skeleton among groups, () if none."""
+    """Read the nodes and edges of the first skeleton among groups; () if none."""
     skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
     nodes = file.texts(f"{skeleton}/nodes")
     return nodes, file.edges(f"{skeleton}/edges", len(nodes))
 
 
-def _landmarks_in_order(
-    series: SeriesOfAnimals, nodes: Sequence[str]
-) -> tuple[str, ...]:
-    """Return the landmarks of all series, first those of a skeleton in its order."""
+def _order_landmarks(series: SeriesOfAnimals, nodes: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks of all series: those in `nodes`, in that order, then others.
+
+    nodes: the names of a skeleton.
+    """
     landmarks = dict.fromkeys(landmark for _, landmark in series)
     in_skeleton = [node for node in nodes if node in landmarks]
     return tuple(dict.fromkeys([*in_skeleton, *landmarks]))
@@ -789,9 +796,11 @@ def _place_series(
     animals: Sequence[str],
     names: Sequence[str],
 ) -> tuple[Floats, Floats, Flags]:
-    """Return points (n, i, p, d), confidence and presence (n, i) of animals at n times.
+    """Place series in points (n, i, p, d), confidence (n, i, p) and presence (n, i).
 
-    Points and confidence (n, i, p) are NaN where an animal lacks a landmark.
+    These are of `times` (n,), `animals` (i,) and landmark `names` (p,). Points and
+    confidence are NaN where an animal lacks a landmark at a time; presence says whether
+    it has any.
     """
     dimensions = next(iter(series.values())).points.shape[1]
     points = np.full((len(times), len(animals), len(names), dimensions), np.nan)
@@ -808,7 +817,7 @@ def _place_series(
 
 
 def _common_rate(series: SeriesOfAnimals) -> float | None:
-    """Return the rate in Hz that all series have; None where they differ or have none.
+    """Return the rate in Hz of all series; None where they differ or state none.
 
     Series of one time do not count.
     """
@@ -817,6 +826,6 @@ def _common_rate(series: SeriesOfAnimals) -> float | None:
 
 
 def _common_unit(series: SeriesOfAnimals) -> str:
-    """Return the unit of all series; unknown where they differ."""
+    """Return the unit of all series; UNKNOWN_UNIT where they differ."""
     units = {one.unit for one in series.values()}
     return units.pop() if len(units) == 1 else UNKNOWN_UNIT

@@ -44,8 +44,7 @@ MOTION_SHARE = 0.3
 
 
 class _Detections(NamedTuple):
-    """N detections; the last one of a track also has the landmarks that were seen
-    before.
+    """N detections, one a pose; a tracked one takes missing landmarks from its track.
 
     points (N, p, 2 or 3), weights (N, p), frame (N,), motion (N, 2) in pixels a frame,
     boxes (N, 4) of least and largest x and y, and size (N,), their diagonals.
@@ -60,7 +59,7 @@ class _Detections(NamedTuple):
 
 
 def track_people(poses: Poses) -> Sequence[str] | None:
-    """Return the individuals (N,), poses without identity called `person 1` and so on.
+    """Return the individual of each pose (N,); track those without one as `person 1`...
 
     "" for those without a landmark; None where the format knows no individuals.
 
@@ -83,7 +82,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
 
 
 def _as_detections(poses: Poses) -> _Detections:
-    """Return poses as detections, which do not move yet."""
+    """Convert poses to detections with zero motion."""
     weights = np.isfinite(poses.points).all(axis=2).astype(float)
     if poses.confidence is not None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
@@ -102,25 +101,25 @@ def _as_detections(poses: Poses) -> _Detections:
     )
 
 
-def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> Integers:
-    """Return the track of each detection (N,), from 0 on; -1 for those not chosen."""
+def _number_tracks(poses: Poses, detections: _Detections, rows: Integers) -> Integers:
+    """Join detections at `rows` to tracks; return track numbers (N,), -1 for others."""
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
     videos = poses.videos
     frames = poses.frame.tolist()
-    for row in chosen.tolist():
+    for row in rows.tolist():
         rows_of[videos[row], frames[row]].append(row)
     number = np.full(len(poses), -1)
     open_tracks: dict[str, Integers] = {}  # the last detection of each
     following = 0
     for (video, frame), detected in rows_of.items():
-        rows = np.array(detected)
-        tracks = open_tracks.get(video, rows[:0])
+        found = np.array(detected)
+        tracks = open_tracks.get(video, found[:0])
         tracks = tracks[frame - detections.frame[tracks] <= MAX_UNSEEN_FRAMES + 1]
         if len(tracks):
-            who, which = _match_tracks(detections, tracks, rows)
-            number[rows[which]] = number[tracks[who]]
-            tracks[who] = rows[which]
-        new = rows[number[rows] < 0]
+            who, which = _match_tracks(detections, tracks, found)
+            number[found[which]] = number[tracks[who]]
+            tracks[who] = found[which]
+        new = found[number[found] < 0]
         number[new] = np.arange(following, following + len(new))
         following += len(new)
         open_tracks[video] = np.concatenate([tracks, new])
@@ -130,10 +129,10 @@ def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> I
 def _match_tracks(
     detections: _Detections, tracks: Integers, rows: Integers
 ) -> Integers:
-    """Match tracks (T,) to detections (D,) of a frame: pairs (2, m) of their numbers.
+    """Match tracks (T,) to detections `rows` (D,) of a frame: index pairs (2, m).
 
-    It sets the motion of those detections. Landmarks that one lacks are taken from its
-    track, and move as that does.
+    tracks are the rows of their last detections. Updates the matched detections: their
+    motion; landmarks that one lacks are taken from its track, and move as that does.
     """
     passed = np.maximum(detections.frame[rows[0]] - detections.frame[tracks], 1)
     steps = detections.motion[tracks] * np.minimum(passed, MAX_MOVING_FRAMES)[:, None]
@@ -159,9 +158,10 @@ def _match_tracks(
 def _distances(
     detections: _Detections, expected: Floats, rows: Integers, scale: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the mean distance of T tracks from D detections, and its weight (T, D).
+    """Return the mean distance (T, D) of tracks from detections, and its weight (T, D).
 
-    Both are of the landmarks that they have in common.
+    Both are of the landmarks that they have in common: `expected` (T, p, d) of tracks,
+    and those of the detections `rows` (D,). One counts up to `scale` (T, D).
     """
     difference = detections.points[rows] - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
@@ -174,7 +174,7 @@ def _distances(
 
 
 def _overlaps(boxes: Floats, others: Floats) -> Floats:
-    """Return the intersection over the union of boxes (T, 1, 4) and others (D, 4)."""
+    """Return intersection over union (T, D) of boxes (T, 1, 4) and `others` (D, 4)."""
     least = np.maximum(boxes[..., :2], others[:, :2])
     most = np.minimum(boxes[..., 2:], others[:, 2:])
     shared = np.maximum(most - least, 0).prod(axis=-1)
@@ -190,10 +190,10 @@ def _update_motion(
     passed: Integers,
     expected: Floats,
 ) -> None:
-    """Set motion, lacking landmarks and size of m detections by those before them.
+    """Update detections `after` (m,) in place by those `before` (m,) in their tracks.
 
-    The landmarks are as expected, the size does not collapse; `passed` frames lie
-    between.
+    It sets their motion, smoothed over `passed` (m,) frames; their missing landmarks,
+    as `expected` (m, p, d); and their size, which does not collapse.
     """
     points = detections.points[after]
     moved = (points - detections.points[before])[..., :2]
@@ -210,7 +210,10 @@ def _update_motion(
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
-    """Return pairs (row, column): as many allowed ones as possible, at least cost."""
+    """Match rows to columns: as many `allowed` pairs as possible, at least total cost.
+
+    Returns pairs (row, column).
+    """
     padded = np.where(allowed, cost, np.inf)
     rows = np.flatnonzero(allowed.any(axis=1))
     best = padded[rows].argmin(axis=1) if len(rows) else rows

@@ -43,7 +43,7 @@ class PartRow(TypedDict, total=False):
 
 
 def write_bvh(path: Path, motion: FileMotion) -> str:
-    """Write one motion as BVH; return a text on how far joints are from the landmarks.
+    """Write one motion as BVH; return a note on how far joints are from landmarks.
 
     Gaps are bridged in straight lines.
 
@@ -51,7 +51,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
     """
     points = _bridge_gaps(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
-    edges = _edges_between(motion, placed)
+    edges = _renumber_edges(motion.edges, placed)
     if not len(edges):
         problem = (
             "no edge joins two landmarks that have a place, so there are no bones to"
@@ -60,8 +60,8 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
         fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
         raise input_error(path.name, problem, fix)
     points = points[:, :, placed]
-    landmarks = np.array(motion.landmark_names, dtype=object)[placed]
-    parts = _parts(tuple(motion.landmark_names))
+    landmarks = np.array(motion.landmark_names, dtype=object)[placed].tolist()
+    parts = _person_parts(tuple(motion.landmark_names))
     rows = [parts.get(name, {}) for name in landmarks]
     hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
     pose = {j: row["rest"] for j, row in enumerate(rows) if "rest" in row}
@@ -69,7 +69,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
     motion_lines = _motion_lines(rig)
     head = [
         "HIERARCHY",
-        *_joint_lines(rig, _names(rig, landmarks, rows)),
+        *_joint_lines(rig, _name_nodes(rig, landmarks, rows)),
         "MOTION",
         f"Frames: {len(points)}",
         f"Frame Time: {1 / motion.rate:.10g}",
@@ -82,9 +82,9 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
 
 
 def _bridge_gaps(points: Floats) -> Floats:
-    """Return points (f, 3, p), unknown ones in straight lines; nan if never known.
+    """Interpolate unknown points (f, 3, p) linearly; nan if a landmark is never known.
 
-    Before the first known one and after the last they stay where these are.
+    Before the first known one and after the last they are at these.
     """
     bridged = points.copy()
     frames = np.arange(len(points))
@@ -95,23 +95,23 @@ def _bridge_gaps(points: Floats) -> Floats:
     return bridged
 
 
-def _edges_between(motion: FileMotion, placed: Flags) -> Integers:
-    """Return the edges (e, 2) of landmarks that have a place, counted among these."""
-    column = np.cumsum(placed) - 1
-    edges: Integers = column[motion.edges[placed[motion.edges].all(axis=1)]]
-    return edges
+def _renumber_edges(edges: Integers, retained: Flags) -> Integers:
+    """Return the edges between `retained` landmarks (p,), as indices of these alone."""
+    column = np.cumsum(retained) - 1
+    renumbered: Integers = column[edges[retained[edges].all(axis=1)]]
+    return renumbered
 
 
-def _parts(names: tuple[str, ...]) -> dict[str, PartRow]:
-    """Return landmark -> row of `data/bvh.toml` for a person's; {} for others."""
+def _person_parts(names: tuple[str, ...]) -> dict[str, PartRow]:
+    """Return landmark -> its row of `data/bvh.toml`; {} if there is no whole person."""
     parts = part_names(names)
     person = set(parts.values()) >= {f"{side}{limb}" for side in "lr" for limb in LIMBS}
-    return {name: _rows().get(part, {}) for name, part in parts.items() if person}
+    return {name: _part_rows().get(part, {}) for name, part in parts.items() if person}
 
 
 @cache
-def _rows() -> dict[str, PartRow]:
-    """Return the rows of `data/bvh.toml` by part, of both sides."""
+def _part_rows() -> dict[str, PartRow]:
+    """Read `data/bvh.toml`: part of the body -> its row, for both sides."""
     file = Path(__file__).resolve().parents[2] / "data" / "bvh.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     rows: dict[str, PartRow] = data["middle"]
@@ -128,7 +128,7 @@ def _rows() -> dict[str, PartRow]:
 
 
 def _motion_lines(rig: Rig) -> bytes:
-    """Return the lines of all frames: the place of the root, and angles in degrees."""
+    """Format a line for each frame: the root's position, and angles in degrees."""
     angles = np.concatenate(np.degrees(find_angles(rig.rotations)), axis=1)
     table = np.hstack([rig.root, angles]).round(DECIMALS)
     text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
@@ -136,7 +136,7 @@ def _motion_lines(rig: Rig) -> bytes:
 
 
 def find_angles(rotations: Floats) -> Floats:
-    """Return angles a, b, c (m, f, 3) in radians of rotations R_z(a) R_x(b) R_y(c).
+    """Decompose rotations (m, f, 3, 3) as R_z(a) R_x(b) R_y(c): angles (m, f, 3), rad.
 
     They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c +
     pi are one rotation, and so are angles that differ by 2 pi. Where b is a quarter
@@ -153,7 +153,7 @@ def find_angles(rotations: Floats) -> Floats:
     other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
 
     def change(start: Floats, end: Floats) -> Floats:
-        """Return the sum of three turns between angles (..., 3), each at most pi."""
+        """Return the sum of |end - start| over three angles (..., 3), modulo 2 pi."""
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
         turned: Floats = np.abs(turn).sum(axis=-1)
         return turned
@@ -167,28 +167,32 @@ def find_angles(rotations: Floats) -> Floats:
 def _joint_lines(
     rig: Rig, names: list[str], number: int = 0, tabs: str = ""
 ) -> Iterator[str]:
-    """Yield the lines of BVH for a node at rest and for all below it."""
+    """Yield lines of BVH's hierarchy for node `number` of a rig and its descendants."""
     below = [k for k, node in enumerate(rig.tree) if node.above == number]
     yield f"{tabs}{'JOINT' if number else 'ROOT'} {names[number]}"
     yield f"{tabs}{{"
-    yield f"{tabs}\tOFFSET {_triple(rig.offsets[number])}"
+    yield f"{tabs}\tOFFSET {_format_vector(rig.offsets[number])}"
     channels = ROTATIONS if number else f"Xposition Yposition Zposition {ROTATIONS}"
     yield f"{tabs}\tCHANNELS {len(channels.split())} {channels}"
     for child in below:
         yield from _joint_lines(rig, names, child, f"{tabs}\t")
     if not below:
-        tip = _triple(TIP * rig.offsets[number])
+        tip = _format_vector(TIP * rig.offsets[number])
         yield f"{tabs}\tEnd Site\n{tabs}\t{{\n{tabs}\t\tOFFSET {tip}\n{tabs}\t}}"
     yield f"{tabs}}}"
 
 
-def _triple(vector: Floats) -> str:
-    """Return x, y and z as text, as BVH writes them."""
+def _format_vector(vector: Floats) -> str:
+    """Format x, y and z with DECIMALS decimals, and spaces between."""
     return " ".join(f"{x:.{DECIMALS}f}" for x in vector)
 
 
-def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
-    """Return the names of the nodes of a rig, all different, by their landmarks.
+def _name_nodes(
+    rig: Rig, landmarks: Sequence[str], rows: Sequence[PartRow]
+) -> list[str]:
+    """Return unique names for the nodes of a rig, from the names of landmarks (p,).
+
+    rows (p,) are those of landmarks in `data/bvh.toml`.
 
     A node that only leads to another is named by its bone, or else by both landmarks.
     """
@@ -206,7 +210,7 @@ def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
 
 
 def _describe_joint_errors(motion: FileMotion, rig: Rig, points: Floats) -> str:
-    """Return a text on how far the joints of a rig are from landmarks (f, 3, p)."""
+    """Describe how far the joints of a rig are from landmarks (f, 3, p), in mm."""
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
     joints = f"joints of {motion.name}" if motion.name else "joints"

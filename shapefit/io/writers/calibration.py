@@ -39,9 +39,9 @@ WHOLE_LENS = 8
 
 
 class CameraPose(NamedTuple):
-    """Where a camera stands: X_camera = rotation X_world + translation, in metres.
+    """The pose of a camera: X_camera = rotation X_world + translation, in metres.
 
-    rotation (3, 3), translation (3,); axes says what the world is.
+    rotation (3, 3), translation (3,); axes describes those of the world.
     """
 
     rotation: Floats
@@ -64,10 +64,10 @@ class WorldCamera(NamedTuple):
 
 @contextmanager
 def calibration_output(target: Path, options: OutputOptions) -> Iterator[MotionWriter]:
-    """Yield a writer; on a clean exit there is one file with the camera of each video.
+    """Yield a writer of results; on a clean exit write the camera of each video.
 
-    Raises InputError for results without a perspective camera, and where it cannot be
-    written; an earlier file then stays.
+    All cameras go to one TOML file, `target`. Raises InputError for results without a
+    perspective camera, and where it cannot be written; an earlier file then stays.
     """
     check_output(target)
     writer = MotionWriter(options, angles=False)
@@ -93,7 +93,7 @@ ASSUMED = (
 
 
 def is_assumed(camera: WorldCamera) -> bool:
-    """Whether the focal length is the one that is assumed where none is known."""
+    """Whether a camera's focal length is the one assumed where none is known."""
     return is_assumed_focal(camera.focal, camera.size)
 
 
@@ -103,9 +103,10 @@ def find_cameras(
     attributes: Mapping[str, Attribute],
     place: str,
 ) -> list[WorldCamera]:
-    """Return the camera of each video of a result; attributes state its config.
+    """Find the camera of each video of a result, at rest in the world of its files.
 
-    Raises InputError at `place` where there is none, or one that moves or zooms.
+    attributes: those of the result's file, with its config. Raises InputError at
+    `place` where there is no camera, or one that moves or zooms.
     """
     if not isinstance(records, Fit) or records.focal is None:
         problem = "there is no perspective camera to write"
@@ -120,19 +121,23 @@ def find_cameras(
     cameras = []
     for name in dict.fromkeys(videos.tolist()):
         of_video = records.take(np.flatnonzero(videos == name))
-        pose = _pose(of_video, floors.get(name), options, place)
-        cameras.append(_camera_of(name, of_video, pose, attributes, place))
+        pose = _find_pose(of_video, floors.get(name), options, place)
+        cameras.append(_find_camera(name, of_video, pose, attributes, place))
     return cameras
 
 
-def _pose(
+def _find_pose(
     records: Fit, floor: Floor | None, options: OutputOptions, place: str
 ) -> CameraPose:
-    """Return where the camera of a video stands in the world of its files in metres."""
-    rotation = _at_rest(records, EXTRINSIC_ROTATION, 2, place)
+    """Return the pose of a video's camera, by its extrinsics, its floor or the image.
+
+    The world is that of the files in metres: y is up. Raises InputError at `place` as
+    `_constant_value`.
+    """
+    rotation = _constant_value(records, EXTRINSIC_ROTATION, 2, place)
     if rotation is not None:
         up = options.up or nearest_axis_up(rotation)
-        translation = _at_rest(records, EXTRINSIC_TRANSLATION, 1, place)
+        translation = _constant_value(records, EXTRINSIC_TRANSLATION, 1, place)
         axes = f"y up, the axis {up} of the extrinsics"
         still = np.zeros(3) if translation is None else translation
         return CameraPose(rotation @ TO_Y_UP[up].T, still, axes)
@@ -145,22 +150,25 @@ def _pose(
     return CameraPose(to_camera, -to_camera @ below, f"y up from the floor; {floor}")
 
 
-def _camera_of(
+def _find_camera(
     name: str,
     records: Fit,
     pose: CameraPose,
     attributes: Mapping[str, Attribute],
     place: str,
 ) -> WorldCamera:
-    """Return the camera of a video with its lens. Raises InputError as `_at_rest`."""
-    focal = _at_rest(records, "focal", 1, place)
-    centre = _at_rest(records, "principal_point", 1, place)
+    """Return the camera of a video: its pose, and lens and image size by its result.
+
+    Raises InputError at `place` where there is none, and as `_constant_value`.
+    """
+    focal = _constant_value(records, "focal", 1, place)
+    centre = _constant_value(records, "principal_point", 1, place)
     if focal is None or centre is None:
         raise input_error(place, "no image has a camera", "lift images that have one")
-    size = _at_rest(records, "image_size", 1, place)
+    size = _constant_value(records, "image_size", 1, place)
     if size is None:
         size = _stated_size(attributes)
-    distortion = _at_rest(records, "removed_distortion", 1, place)
+    distortion = _constant_value(records, "removed_distortion", 1, place)
     return WorldCamera(
         name=name,
         size=2 * centre if size is None else size,
@@ -172,15 +180,16 @@ def _camera_of(
 
 
 def _stated_size(attributes: Mapping[str, Attribute]) -> Floats | None:
-    """Return the size of the images that the config of a fit states, if it does."""
+    """Return the size (2,) of images, in pixels, in the config of a fit, or None."""
     size = json.loads(str(attributes.get("config", "{}"))).get("image_size")
     return None if size is None else np.array(size, np.float64)
 
 
-def _at_rest(records: Fit, name: str, axes: int, place: str) -> Floats | None:
-    """Return a dataset of the file, or what it is for every image; None without it.
+def _constant_value(records: Fit, name: str, axes: int, place: str) -> Floats | None:
+    """Return the one value that a column has for all images; None if it is absent.
 
-    axes are those of one value. Raises InputError where images differ.
+    axes: the number of axes of one value. Raises InputError at `place` where images
+    differ.
     """
     values = records.column(name)
     if values is None:
@@ -200,15 +209,15 @@ def _at_rest(records: Fit, name: str, axes: int, place: str) -> Floats | None:
 
 
 def as_toml(cameras: Sequence[WorldCamera]) -> str:
-    """Return the cameras as a text of TOML, a section each."""
+    """Format cameras as TOML, a section each."""
     return "\n".join(
-        _section(f"cam{number:02d}", camera)
+        _format_section(f"cam{number:02d}", camera)
         for number, camera in enumerate(cameras, start=1)
     )
 
 
-def _section(key: str, camera: WorldCamera) -> str:
-    """Return the section of a camera: what the lens is, and where it stands."""
+def _format_section(key: str, camera: WorldCamera) -> str:
+    """Format the section `key` of TOML with a camera's size, lens and pose."""
     from scipy.spatial.transform import Rotation
 
     fx, fy = camera.focal
@@ -234,5 +243,5 @@ def _section(key: str, camera: WorldCamera) -> str:
 
 
 def _toml_numbers(values: Sequence[float] | Floats) -> str:
-    """Return numbers as a list of TOML, each with a point: it keeps the kinds apart."""
+    """Format numbers as a list of floats in TOML, `[1.0, 2.5]`."""
     return f"[{', '.join(repr(float(value)) for value in values)}]"

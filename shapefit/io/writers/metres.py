@@ -41,8 +41,8 @@ MAX_METRES_FROM_ORIGIN = 100.0
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres; factor (n,), metres in a unit; where axes and size
-    come from.
+    """points (n, 3, p) in metres; factor (n,), metres per unit of the shapes; texts on
+    where axes and size come from.
     """
 
     points: Floats
@@ -52,30 +52,30 @@ class MetricShapes(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def in_metres(
+def convert_to_metres(
     records: Shapes3D, options: OutputOptions, place: str, floor: Floor | None = None
 ) -> MetricShapes:
-    """Return the points of one sequence in metres, and where axes and size come from.
+    """Convert the points of one sequence to metres; say where axes and size come from.
 
     Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0
     is the floor, and x = z = 0 the camera. Raises InputError at `place` where the size
     is unknown.
     """
-    turn, axes = _turn(records, options, place)
+    turn, axes = _find_upright_rotation(records, options, place)
     upright = turn @ records.as_columns()
-    factor, size = _factor(records, upright, options, place)
+    factor, size = _find_metres_per_unit(records, upright, options, place)
     if isinstance(records, Shapes):
         return MetricShapes(factor[:, None, None] * upright, factor, axes, size)
     t, T, scale = records.camera_translation, records.translation, records.scale
     if t is None or T is None or scale is None:
-        points = _in_the_image(upright, factor)
+        points = _place_in_image(upright, factor)
         return MetricShapes(
             points, factor, f"{axes}; lowest landmark at height 0", size
         )
     shapes = records.as_columns().copy()
     shapes[:, :2] -= T[..., None]
     points = factor[:, None, None] * (shapes + (scale[:, None] * t)[..., None])
-    points, far = _from_the_origin(records, points, place)
+    points, far = _move_to_world(records, points, place)
     points = turn @ points
     axes = f"{axes}; position from the camera"
     if floor is not None:
@@ -91,9 +91,10 @@ def in_metres(
 
 
 def with_stated_height(records: Fit, place: str) -> Fit:
-    """Return a result whose `metres_per_unit` make bodies as tall as the result states.
+    """Set `metres_per_unit` of a result so that bodies have its `stated_height`.
 
-    In each sequence; without a stated height it stays as it is.
+    For each sequence; without a stated height the result stays as it is. Raises
+    InputError at `place` as `_find_upright_rotation`.
     """
     if records.stated_height is None:
         return records
@@ -102,14 +103,18 @@ def with_stated_height(records: Fit, place: str) -> Fit:
     for name in dict.fromkeys(sequences.tolist()):
         rows = np.flatnonzero(sequences == name)
         of_sequence = records.take(rows)
-        turn, _ = _turn(of_sequence, BY_DEFAULT, place)
+        turn, _ = _find_upright_rotation(of_sequence, BY_DEFAULT, place)
         upright = turn @ of_sequence.as_columns()
-        factors[rows], _ = _factor(of_sequence, upright, BY_DEFAULT, place)
+        factors[rows], _ = _find_metres_per_unit(
+            of_sequence, upright, BY_DEFAULT, place
+        )
     return replace(records, metres_per_unit=factors)
 
 
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
-    """Return the heights (n,) of people by their bones; None for other landmarks.
+    """Estimate heights (n,) of people from their bones, in the unit of the shapes.
+
+    None for other landmarks. It is
 
     (|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body, of shapes (n,
     3, p): legs are the mean of both, hips and shoulders the middles of theirs.
@@ -132,21 +137,23 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
 
 
 def image_axis_signs(records: Shapes3D) -> Floats:
-    """Return the signs (3,) of axes that turn results to x right, y down, z away."""
+    """Return the signs (3,) that turn a record's axes to x right, y down, z away."""
     return np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
 
 
-def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats, str]:
-    """Return the rotations that turn shapes so that y is up, and a text on what is up.
+def _find_upright_rotation(
+    records: Shapes3D, options: OutputOptions, place: str
+) -> tuple[Floats, str]:
+    """Return rotations (3, 3) or (n, 3, 3) that make y point up, and describe the axes.
 
-    They are (3, 3), or one for each shape. Raises InputError for `up` of results that
-    have no extrinsics.
+    Raises InputError for `up` of results that have no extrinsics, and at `place` for
+    extrinsics of another shape.
     """
     up = options.up
     if isinstance(records, Shapes):
         axes = "axes as in the shapes" if up is None else f"y up, which was {up}"
         return TO_Y_UP[up or "y"], axes
-    rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
+    rotation = _values_per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
     if rotation is not None:
         up = up or nearest_axis_up(rotation)
         turn = (
@@ -161,10 +168,10 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
     ), "y up as in the image"
 
 
-def _factor(
+def _find_metres_per_unit(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and a text on their source.
+    """Return metres (n,) per unit of each shape (n, 3, p), and a text on their source.
 
     That is the height that is given or that the result states, the unit, or the
     training shapes, for all shapes the same unless edges say their lengths. Raises
@@ -213,10 +220,10 @@ def _factor(
     )
 
 
-def _in_the_image(upright: Floats, factor: Floats) -> Floats:
-    """Return shapes of unknown depth in metres, placed in the plane of the image.
+def _place_in_image(upright: Floats, factor: Floats) -> Floats:
+    """Convert upright shapes (n, 3, p) of unknown depth to metres, in the image plane.
 
-    The first is at 0, the lowest y is 0.
+    factor (n,) is metres per unit. The first shape's centre is at 0, the lowest y is 0.
     """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
@@ -228,24 +235,26 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     return points
 
 
-def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, float]:
-    """Return points (n, 3, p) from the origin of the world, and how far the camera is.
+def _move_to_world(records: Fit, points: Floats, place: str) -> tuple[Floats, float]:
+    """Move points (n, 3, p) from the camera's origin to the world's, in metres.
 
-    They were from the camera, and stay so, at 0 m, where the origin is not known.
+    Returns them, and the largest distance of the camera. Without extrinsics they stay,
+    and the distance is 0. Raises InputError at `place` as `_values_per_item`.
     """
-    world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+    world = _values_per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
     if world is None or records.column(EXTRINSIC_ROTATION) is None:
         return points, 0.0
     far = float(np.linalg.norm(world, axis=1).max(initial=0))
     return points - (world * image_axis_signs(records))[..., None], far
 
 
-def _per_item(
+def _values_per_item(
     records: Fit, name: str, shape: tuple[int, ...], place: str
 ) -> Floats | None:
-    """Return a dataset as an array of this shape for each item; None if it is absent.
+    """Return a column as an array (n, *shape); None if it is absent.
 
-    One of the file is that of each item. Raises InputError for another shape.
+    A column of the file, not per item, is repeated. Raises InputError at `place` for
+    another shape.
     """
     values = records.column(name)
     if values is None:

@@ -28,9 +28,9 @@ from shapefit.io.writers.metres import (
     EXTRINSIC_TRANSLATION,
     MetricShapes,
     Shapes3D,
+    convert_to_metres,
     find_stature,
     image_axis_signs,
-    in_metres,
 )
 from shapefit.records import Fit, Record, concatenate
 from shapefit.records.columns import Array, in_columns
@@ -122,18 +122,18 @@ class FileMotion:
     angle_deviations: Floats
 
     @property
-    def rate_known(self) -> bool:
+    def is_rate_known(self) -> bool:
         """Whether the frame rate is known, so that times are seconds."""
         return NO_RATE not in self.warnings
 
     @property
     def frames(self) -> NDArray[np.int64]:
-        """Return the number of each frame (f,)."""
+        """The number of each frame (f,)."""
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
     @property
     def timing_note(self) -> str:
-        """A note on how far times are off a steady frame rate, "" if they are not."""
+        """A note on how far times are off a constant frame rate, "" if they are not."""
         off = self.times - self.frames / self.rate
         away = float(np.ptp(off)) if len(off) else 0.0
         if away * self.rate <= JITTER:
@@ -151,18 +151,18 @@ JudgeAngles = Callable[[Sequence[FileMotion]], str]
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
-    """Takes shapes or results; keeps their points, as the scale of a sequence takes all
+    """Collects shapes or results in memory, as the scale of a sequence depends on all
     of it.
     """
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; with `angles` their joint angles, too."""
+        """Take the options of files in metres; with `angles` compute joint angles."""
         super().__init__()
         self._parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
 
     def append(self, record: Shapes3D) -> None:
-        """Take the items of a record after those that are there.
+        """Add the items of a record after those already added.
 
         Raises InputError where landmarks of a detector are wanted (`markers`), and it
         has none.
@@ -180,9 +180,9 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self._parts.append(record.without(record.column_names() - RETAINED))
 
     def take_all(self) -> Shapes3D:
-        """Return all that was appended as one record, and hold it no longer.
+        """Remove and return all that was appended, as one record.
 
-        Raises ValueError where nothing was.
+        Raises ValueError where nothing was appended.
         """
         self.check_begun()
         records: Shapes3D = concatenate(self._parts)
@@ -191,7 +191,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
 
 
 def _detector_landmarks(record: Shapes3D) -> Floats | None:
-    """Return the landmarks of a detector in 3D, None where there are none."""
+    """Return the 3D shapes (n, p, 3) of a detector's landmarks, None without them."""
     return record.input_shapes if isinstance(record, Fit) else None
 
 
@@ -206,7 +206,7 @@ def motion_output(
     angles: bool = False,
     judge_angles: JudgeAngles | None = None,
 ) -> Iterator[MotionWriter]:
-    """Yield a writer; on a clean exit there is a file of each sequence that it took.
+    """Yield a writer; on a clean exit write a file for each sequence, by `write`.
 
     `judge_angles` says in the summary how certain the angles of all sequences are.
 
@@ -219,7 +219,7 @@ def motion_output(
     yield writer
     motions = find_motions(writer.take_all(), options, str(target))
     resolved = Path(os.path.realpath(target))
-    ending = _ending(resolved, suffix)
+    ending = _find_suffix(resolved, suffix)
     whole = resolved.name.removesuffix(ending)
     stems = _file_stems(whole, [motion.name for motion in motions])
     with staged_files(resolved.parent) as staged:
@@ -242,14 +242,14 @@ def motion_output(
 
 
 def warnings_of(motions: Sequence[FileMotion]) -> tuple[str, ...]:
-    """Return the warnings of all motions, each once."""
+    """Return the warnings of all motions, without duplicates."""
     return tuple(dict.fromkeys(text for motion in motions for text in motion.warnings))
 
 
-def _ending(target: Path, suffix: str) -> str:
-    """Return the ending of a file's name: `suffix`, if the name has it, else its last.
+def _find_suffix(target: Path, suffix: str) -> str:
+    """Return the suffix of a file's name as written: the format's, else the last one.
 
-    suffix is that of the format, such as .metres.csv.
+    `suffix` is that of the format, such as .metres.csv.
     """
     if target.name.lower().endswith(suffix):
         return target.name[-len(suffix) :]
@@ -257,9 +257,7 @@ def _ending(target: Path, suffix: str) -> str:
 
 
 def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
-    """Return the stem of the file of each sequence: the target's, and then its name.
-
-    One sequence alone has the target's.
+    """Return the file stem of each sequence: `stem_name`, or `stem` for one sequence.
 
     Folders that all names share are left out; those that are then the same get a
     number.
@@ -280,14 +278,14 @@ def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
 def find_motions(
     records: Shapes3D, options: OutputOptions, place: str
 ) -> list[FileMotion]:
-    """Return the motion of each sequence, frames in order, on the floor of its video.
+    """Make the motion of each sequence: in metres, by frame, on its video's floor.
 
-    Raises InputError at `place` as `_split_sequences` and `in_metres`.
+    Raises InputError at `place` as `_split_sequences` and `convert_to_metres`.
     """
     floors = find_floors(records, options, place)
     named_sequences = _split_sequences(records, place)
     return [
-        _motion(sequence, options, place, floors.get(video_of(sequence[0])))
+        _make_motion(sequence, options, place, floors.get(video_of(sequence[0])))
         for sequence in named_sequences
     ]
 
@@ -295,9 +293,10 @@ def find_motions(
 def find_floors(
     records: Shapes3D, options: OutputOptions, place: str
 ) -> dict[str, Floor]:
-    """Return video -> the floor that its bodies stand on, where that is known.
+    """Return video -> the floor that its people stand on, where it can be estimated.
 
-    It is that of trusted results under perspective. Raises InputError as `in_metres`.
+    It is that of trusted results under perspective. Raises InputError at `place` as
+    `convert_to_metres`.
     """
     names = records.landmark_names
     if not isinstance(records, Fit) or records.camera_translation is None:
@@ -311,7 +310,8 @@ def find_floors(
     is_assumed = is_assumed_focal(focal, 2 * np.asarray(centre))
     bodies: dict[str, list[FilmedBody]] = {}
     for name, sequence, frames in _split_sequences(records, place):
-        body = _filmed_body(sequence, frames, in_metres(sequence, options, place))
+        metric = convert_to_metres(sequence, options, place)
+        body = _filmed_body(sequence, frames, metric)
         if body is not None:
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
@@ -324,9 +324,10 @@ def find_floors(
 def _filmed_body(
     track: Fit, frames: Integers, metric: MetricShapes
 ) -> FilmedBody | None:
-    """Return the body of a track in frames (n,) as it stands; None for unknown height.
+    """Make a FilmedBody of one track, for `find_floor`; None if its height is unknown.
 
-    Doubtful shapes, and ankles that were not seen, are gaps.
+    frames (n,) are those of items. Doubtful shapes, and ankles that were not seen, are
+    gaps; short ones are bridged.
     """
     names = track.landmark_names
     rate = track.frame_rate or ASSUMED_RATE
@@ -352,10 +353,10 @@ def _filmed_body(
 
 
 def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
-    """Return values (n, ...) of frames (n,) at all frames from the first to the last.
+    """Interpolate values (n, ...) of frames (n,) at all frames from first to last.
 
-    Those of missing frames lie in straight lines, or are nan where more are missing
-    than for `MAX_GAP_SECONDS` seconds.
+    They are linear in gaps, or nan in gaps of more than `MAX_GAP_SECONDS` seconds. rate
+    in Hz.
     """
     every = np.arange(frames[0], frames[-1] + 1) if len(frames) else frames
     if len(every) == len(frames):
@@ -371,17 +372,17 @@ def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
 
 
 def video_of(sequence: str) -> str:
-    """Return the video of a sequence, which is `video/individual` or a video."""
+    """Return the video in a sequence's name, `video/individual` or `video`."""
     return sequence.rpartition("/")[0] or sequence
 
 
 def angle_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the joint angles that landmarks determine; () for no body."""
+    """Return the names of joint angles that these landmarks determine; () for none."""
     return tuple(angle.name for angle in measurable_angles(joint_columns(names)))
 
 
 def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
-    """Return the columns of joint angles and their deviations (n, a); {} for none.
+    """Compute columns of joint angles and their deviations (n, a) in degrees, or {}.
 
     Results are upright as their camera is, or by the axis `up` of its world; shapes by
     their axis `up`, y by default. Without `shape_covariance` deviations are two to
@@ -405,9 +406,9 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 
 def _covariance(record: Fit) -> Floats | None:
-    """Return the covariance of the landmarks of results; None where it is not known.
+    """Return the covariance of all landmarks, else of each, or None if it is unknown.
 
-    That of all together, or else that of each (n, p, 3, 3).
+    That of all is the field `shape_covariance`; those of each are (n, p, 3, 3).
     """
     sd = record.shape_sd
     if record.shape_covariance is not None or sd is None:
@@ -422,11 +423,11 @@ def _covariance(record: Fit) -> Floats | None:
 
 
 def _split_sequences(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
-    """Return the name, the records and the frames (n,) of each sequence, in order.
+    """Split a record by sequence: name, items sorted by frame, and frames (n,) of each.
 
-    Records without frames are in the order of their items. Raises InputError where two
-    items of a sequence are of one frame, and where so many are missing that gaps cannot
-    be filled.
+    Records without frames are in the order of their items. Raises InputError at `place`
+    where two items of a sequence are of one frame, and where so many are missing that
+    gaps cannot be filled.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     stated = records.frames
@@ -455,7 +456,10 @@ def _split_sequences(records: Record, place: str) -> list[tuple[str, Record, Int
 def _visible_around(
     records: Fit, landmark: int, rate: float, frames: Integers
 ) -> NDArray[np.bool_]:
-    """Whether a landmark (n,) was seen within a quarter of a second of frames (n,)."""
+    """Return a mask (n,) of frames with a landmark seen within a quarter of a second.
+
+    landmark: its index; frames (n,): those of items; rate in Hz.
+    """
     if records.landmarks is None:
         return np.ones(len(records), dtype=np.bool_)
     visible = np.isfinite(records.landmarks[:, landmark]).all(axis=-1)
@@ -466,20 +470,23 @@ def _visible_around(
     return np.asarray(seen[last] > seen[first])
 
 
-def _motion(
+def _make_motion(
     sequence: NamedSequence, options: OutputOptions, place: str, floor: Floor | None
 ) -> FileMotion:
-    """Return one sequence in metres, with gaps for the frames that it lacks."""
+    """Convert one sequence to metres, on a floor, with nan in frames that it lacks.
+
+    Raises InputError at `place` as `convert_to_metres`.
+    """
     name, records, frames = sequence
     angles = _angles_on(floor, records)
     angle_sd = records.extras.get(ANGLE_SD, np.empty((len(records), 0)))
     names = angle_names(records.landmark_names)
     if options.markers == "input" and isinstance(records, Fit):
-        records = _as_markers(records)
-    metric = in_metres(records, options, place, floor)
+        records = _with_detector_landmarks(records)
+    metric = convert_to_metres(records, options, place, floor)
     first = int(frames[0]) if len(frames) else 0
     length = int(frames[-1]) - first + 1 if len(frames) else 0
-    points = _by_frame(metric.points, frames, length)
+    points = _spread_over_frames(metric.points, frames, length)
     warnings = list(metric.warnings)
     gaps = length - int(np.isfinite(points).any(axis=(1, 2)).sum())
     if gaps:
@@ -504,17 +511,17 @@ def _motion(
         size=metric.size,
         warnings=tuple(warnings),
         trusted=_trusted_frames(records, frames, length),
-        deviations=_by_frame(distance_sd, frames, length),
+        deviations=_spread_over_frames(distance_sd, frames, length),
         angle_names=names,
-        angles=_by_frame(angles, frames, length),
-        angle_deviations=_by_frame(angle_sd, frames, length),
+        angles=_spread_over_frames(angles, frames, length),
+        angle_deviations=_spread_over_frames(angle_sd, frames, length),
     )
 
 
 def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
-    """Return the joint angles (n, a) of records; (n, 0) where they are not known.
+    """Return joint angles (n, a) in degrees; (n, 0) where they are not known.
 
-    On a floor, trunk and head are tilted to its true vertical.
+    On a floor, trunk and head are measured from its vertical.
     """
     angles = records.extras.get(ANGLES)
     if angles is None:
@@ -527,28 +534,31 @@ def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
     return values
 
 
-def _by_frame(values: Array, frames: Integers, length: int) -> Floats:
-    """Return values (n, ...) of frames (n,) at `length` frames, nan at the others."""
+def _spread_over_frames(values: Array, frames: Integers, length: int) -> Floats:
+    """Return values (n, ...) of frames (n,) as (length, ...), nan at missing frames."""
     per_frame = np.full((length, *values.shape[1:]), np.nan)
-    per_frame[_places(frames)] = values
+    per_frame[_from_first(frames)] = values
     return per_frame
 
 
-def _places(frames: Integers) -> Integers:
-    """Return the places of frames (n,), which are in order: 0 for the first."""
+def _from_first(frames: Integers) -> Integers:
+    """Return sorted frames (n,) minus the first of them."""
     return frames - frames[:1]
 
 
 def _trusted_frames(records: Shapes3D, frames: Integers, length: int) -> list[str]:
-    """Return "true" or "false" for frames that are trusted or not; "" if unknown."""
+    """Return "true" or "false" for each of `length` frames, trusted or not, or "".
+
+    It is "" for frames without an item, and in results without reasons.
+    """
     trusted = np.full(length, "", dtype=object)
     if isinstance(records, Fit) and records.reasons is not None:
-        trusted[_places(frames)] = np.where(records.reasons == "", "true", "false")
+        trusted[_from_first(frames)] = np.where(records.reasons == "", "true", "false")
     return trusted.tolist()
 
 
 def _distance_sd(records: Shapes3D) -> Floats:
-    """Return sqrt(sd_x^2 + sd_y^2 + sd_z^2) (n, p), NaN where it is not known."""
+    """Return sqrt(sd_x^2 + sd_y^2 + sd_z^2) (n, p) in the shapes' unit, or NaN."""
     if not isinstance(records, Fit) or records.shape_sd is None:
         return np.full(records.shapes.shape[:2], np.nan)
     sd = in_columns(records.shape_sd)
@@ -559,10 +569,10 @@ def _distance_sd(records: Shapes3D) -> Floats:
 def find_times(
     frames: Integers, length: int, stated: Floats | None, rate: float
 ) -> Floats:
-    """Return the times (length,) of all frames from the first on, in seconds.
+    """Return the times (length,) in seconds of all frames from the first on.
 
-    They are those of the rate, unless a stated time (n,) of one of the frames (n,) is
-    further off than clocks tremble: then as stated, and in between as the rate goes on.
+    They are frame / rate, unless one of the stated times (n,) of frames (n,) is off by
+    more than JITTER: then as stated, and between these as the rate goes on.
     """
     if not length:
         return np.empty(0)
@@ -578,10 +588,10 @@ def find_times(
     return stated_times
 
 
-def _as_markers(records: Fit) -> Fit:
-    """Return results with the landmarks of the files in place of the joints.
+def _with_detector_landmarks(records: Fit) -> Fit:
+    """Return results with the detector's landmarks in place of the joints.
 
-    They have the names that models know.
+    They have the names of OpenSim's models.
     """
     names = tuple(records.input_landmark_names or ())
     assert records.input_shapes is not None, "the writer refuses results without"

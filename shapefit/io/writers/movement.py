@@ -41,7 +41,7 @@ AXES_WITHOUT_SPACE = ("time", "keypoints", "individuals")
 
 
 class MovementPoses(NamedTuple):
-    """What the file holds, of f frames, p keypoints and i individuals.
+    """The arrays of movement's file, of f frames, p keypoints and i individuals.
 
     position (f, 3, p, i) in metres, shape_sd (f, p, i) the standard deviation of the
     distance to it, confidence (f, p, i), each NaN where it is unknown.
@@ -54,7 +54,7 @@ class MovementPoses(NamedTuple):
 
 @contextmanager
 def movement_output(target: Path, options: OutputOptions) -> Iterator[MotionWriter]:
-    """Yield a writer; on a clean exit there is one file of all that it took.
+    """Yield a writer; on a clean exit write all its records to one netCDF file.
 
     Raises InputError where it cannot be written; an earlier one then stays.
     """
@@ -75,7 +75,7 @@ def movement_output(target: Path, options: OutputOptions) -> Iterator[MotionWrit
 
 
 def check_one_rate(motions: Sequence[FileMotion], target: Path) -> None:
-    """Raise InputError where sequences differ in frame rate: a file has one."""
+    """Raise InputError where sequences differ in frame rate, as a file has one rate."""
     rates = sorted({motion.rate for motion in motions})
     if len(rates) > 1:
         found = " and ".join(f"{rate:g}" for rate in rates)
@@ -84,7 +84,7 @@ def check_one_rate(motions: Sequence[FileMotion], target: Path) -> None:
 
 
 def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
-    """Write poses as netCDF: a dataset for each axis, to which the others are tied."""
+    """Write motions as netCDF of movement: positions, confidence and named axes."""
     first = min((motion.first for motion in motions), default=0)
     last = max((motion.first + len(motion.points) for motion in motions), default=0)
     frames = np.arange(first, last)
@@ -100,8 +100,8 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
     with h5py.File(path, "w", track_order=True) as file:
         file.attrs["ds_type"] = "poses"
         file.attrs["source_software"] = "shapefit"
-        file.attrs["time_unit"] = "seconds" if motion.rate_known else "frames"
-        if motion.rate_known:
+        file.attrs["time_unit"] = "seconds" if motion.is_rate_known else "frames"
+        if motion.is_rate_known:
             file.attrs["fps"] = motion.rate
         file.attrs["axes"] = "; ".join(dict.fromkeys(one.axes for one in motions))
         for axis, values in zip(MOVEMENT_AXES, labels, strict=True):
@@ -120,7 +120,7 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
 
 
 def gather_poses(motions: Sequence[FileMotion], first: int, f: int) -> MovementPoses:
-    """Return the poses of all sequences over f frames, from the number `first` on."""
+    """Stack motions, an individual each, over the frames `first` to `first + f - 1`."""
     p = len(motions[0].landmark_names)
     poses = MovementPoses(
         np.full((f, 3, p, len(motions)), np.nan),

@@ -29,7 +29,7 @@ TRC_COLUMNS = (
 
 
 def write_trc(path: Path, motion: FileMotion) -> None:
-    """Write one motion as TRC, which OpenSim reads.
+    """Write one motion as TRC, positions of markers in metres, which OpenSim reads.
 
     Its joint angles, if any, go to NAME_angles.csv.
     """
@@ -71,13 +71,13 @@ def write_trc(path: Path, motion: FileMotion) -> None:
 
 
 def write_metres(path: Path, motion: FileMotion) -> None:
-    """Write one motion as CSV, a row per frame and landmark; unknown cells empty."""
+    """Write one motion in metres as CSV, a row per frame and landmark; NaN is empty."""
     columns = {name: cells.tolist() for name, cells in metres_columns(motion).items()}
     _write_csv(path, [*columns], zip(*columns.values(), strict=True), ".7g")
 
 
 def metres_columns(motion: FileMotion) -> dict[str, Array]:
-    """Return name -> values of the columns of a motion, by frame and landmark.
+    """Return name -> values (f p,) for columns of a motion, by frame, then landmark.
 
     Numbers that are not known are nan.
 
@@ -98,13 +98,13 @@ def metres_columns(motion: FileMotion) -> dict[str, Array]:
 def _write_csv(
     path: Path, header: Sequence[str], rows: Iterable[Any], digits: str
 ) -> None:
-    """Write rows of a frame, a time and other cells as CSV; nan is an empty cell.
+    """Write rows (frame, time, other cells) as CSV; nan is an empty cell.
 
     digits: the format of numbers with a fraction among the others.
     """
 
     def cell(value: object) -> str:
-        """Return the text of a cell, "" for nan and infinite numbers."""
+        """Format a value as a cell, "" for nan and infinite numbers."""
         if not isinstance(value, float):
             return str(value)
         return format(value, digits) if np.isfinite(value) else ""
@@ -123,7 +123,7 @@ MAX_ANGLE_SD = 15.0
 
 
 def write_angles(path: Path, motion: FileMotion) -> None:
-    """Write the joint angles of a motion as CSV, with their standard deviations.
+    """Write joint angles and their standard deviations, in degrees, as CSV.
 
     A row per frame, whose last cell names the angles that are uncertain. Raises
     InputError where landmarks determine no angle.
@@ -149,7 +149,7 @@ def write_angles(path: Path, motion: FileMotion) -> None:
 
 
 def write_mot(path: Path, motion: FileMotion) -> None:
-    """Write the joint angles of a motion as a .mot file, as OpenSim reads them.
+    """Write the joint angles of a motion, in degrees, as a .mot file of OpenSim.
 
     Their standard deviations, where there are any, go to NAME_sd.sto.
 
@@ -160,12 +160,12 @@ def write_mot(path: Path, motion: FileMotion) -> None:
     names = _angle_names(path, motion)
     rows = np.isfinite(motion.angles).any(axis=1)
     times = motion.times[rows]
-    angles = _filled_from_nearest_frames(motion.angles[rows], motion.frames[rows])
+    angles = _fill_from_nearest_frames(motion.angles[rows], motion.frames[rows])
     of = f" of {printable(motion.name)}" if motion.name else ""
     _write_storage(path, f"Coordinates{of}", names, times, angles)
     if np.isfinite(motion.angle_deviations).any():
         beside = path.with_name(f"{path.stem}_sd.sto")
-        deviations = _capped_deviations(motion)[rows]
+        deviations = _cap_deviations(motion)[rows]
         _write_storage(beside, f"Standard deviations{of}", names, times, deviations)
 
 
@@ -173,8 +173,8 @@ UNKNOWN_TABLE_SD = 180.0
 """Standard deviation in degrees that stands for an unknown angle, and the largest."""
 
 
-def _filled_from_nearest_frames(angles: Floats, frames: Integers) -> Floats:
-    """Return angles (f, a), an unknown one as in the nearest frame; 0 if never known.
+def _fill_from_nearest_frames(angles: Floats, frames: Integers) -> Floats:
+    """Replace NaN in angles (f, a) by the value in the nearest frame, 0 if all are NaN.
 
     frames (f,): their numbers.
     """
@@ -187,10 +187,10 @@ def _filled_from_nearest_frames(angles: Floats, frames: Integers) -> Floats:
     return filled
 
 
-def _capped_deviations(motion: FileMotion) -> Floats:
-    """Return the standard deviations (f, a) of angles, at most `UNKNOWN_TABLE_SD`.
+def _cap_deviations(motion: FileMotion) -> Floats:
+    """Return the standard deviations (f, a) of angles, capped at `UNKNOWN_TABLE_SD`.
 
-    That stands for unknown ones, too.
+    That replaces unknown ones, too.
     """
     known = np.isfinite(motion.angle_deviations) & np.isfinite(motion.angles)
     sd = np.where(known, motion.angle_deviations, UNKNOWN_TABLE_SD)
@@ -200,7 +200,7 @@ def _capped_deviations(motion: FileMotion) -> Floats:
 def _write_storage(
     path: Path, title: str, names: Sequence[str], times: Floats, values: Floats
 ) -> None:
-    """Write values (f, a) in degrees as a file of OpenSim's `Storage`."""
+    """Write values (f, a) in degrees at times (f,) as a file of OpenSim's `Storage`."""
     head = [
         title,
         "version=1",
@@ -221,9 +221,9 @@ MAX_NAMED_ANGLES = 4
 
 
 def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
-    """Return a text on how many angles are uncertain, and which; "" for no angles.
+    """Describe how many joint angles of all motions are uncertain, and which.
 
-    Those of all motions with a standard deviation above `MAX_ANGLE_SD` are.
+    These have a standard deviation above `MAX_ANGLE_SD`. "" where there are no angles.
     """
     names = motions[0].angle_names if motions else ()
     rows = [np.isfinite(motion.angles).any(axis=1) for motion in motions]
@@ -234,7 +234,7 @@ def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
         return f"{counted(count, 'joint angle')} without standard deviations"
     wide = np.concatenate(
         [
-            _capped_deviations(motion)[of_motion] > MAX_ANGLE_SD
+            _cap_deviations(motion)[of_motion] > MAX_ANGLE_SD
             for motion, of_motion in zip(motions, rows, strict=True)
         ]
     )
@@ -254,7 +254,7 @@ def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
 
 
 def describe_angles_of_mot(motions: Sequence[FileMotion]) -> str:
-    """Return a text on the angles of MOT: how many are uncertain, and to write TRC.
+    """Describe uncertain joint angles, with the hint to write TRC for kinematics.
 
     Inverse kinematics takes TRC in place of the angles.
     """
@@ -263,7 +263,7 @@ def describe_angles_of_mot(motions: Sequence[FileMotion]) -> str:
 
 
 def _angle_names(path: Path, motion: FileMotion) -> Sequence[str]:
-    """Return the names of the joint angles; InputError where a motion has none."""
+    """Return the names of a motion's joint angles; InputError where it has none."""
     if not motion.angle_names:
         fix = (
             "lift with the dictionary `people`, or rename landmarks to its joints"
@@ -281,7 +281,7 @@ MAX_LABELS = 255
 
 
 def write_c3d(path: Path, motion: FileMotion) -> str:
-    """Write one motion as C3D in millimetres; return a note on times off the rate.
+    """Write one motion as C3D in mm; return a note on times off the constant rate.
 
     The note is "" where times are those of the one rate of a file. A missing point has
     the residual -1.
@@ -324,7 +324,7 @@ def write_c3d(path: Path, motion: FileMotion) -> str:
 
 
 def load_ezc3d() -> Any:
-    """Return the module ezc3d. Raises InputError where it is not installed."""
+    """Import the module ezc3d; InputError where it is not installed."""
     try:
         import ezc3d
     except ImportError as error:

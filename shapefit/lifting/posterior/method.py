@@ -319,7 +319,7 @@ def find_starts(
 def convert_to_pinhole(
     estimate: PosteriorEstimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> PosteriorEstimate:
-    """Convert an estimate to shapes before a pinhole camera, in the dictionary's unit.
+    """Convert an estimate to shapes in front of a camera, in the dictionary's unit.
 
     Translation, residual and error bars follow.
     """
@@ -368,7 +368,7 @@ def find_noise(problem: Problem) -> Floats:
 
 
 class Rays(NamedTuple):
-    """The rays of n images of landmarks before a pinhole camera, see above.
+    """The rays of n images of landmarks seen by a pinhole camera, see above.
 
     landmarks f u (n, 2, p), slopes +-u (n, 2, p), and focal f (n,), the geometric mean
     of both focal lengths.
@@ -389,9 +389,9 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
 def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
     """Convert covariances (n, p, 2, 2) of noise to those of the landmarks f u of rays.
 
-    An uncertain focal length adds to them. Where the logarithm of
-    f is off by e, a point at the depth z of the shape is seen e u z away. Depths have
-    about the size of the shape, which is 1 for normalised landmarks.
+    An uncertain focal length adds to them. Where the logarithm of f is off by e, a
+    point at the depth z of the shape is seen e u z away. Depths have about the size of
+    the shape, which is 1 for normalised landmarks.
     """
     to_one_focal = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
     stretched = noise * to_one_focal[:, None, :, None] * to_one_focal[:, None, None, :]

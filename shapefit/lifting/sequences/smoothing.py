@@ -194,7 +194,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """The inferred frames of a sequence: the minimum of the objective above.
+    """The inferred frames of a sequence: the minimum of the objective.
 
     points (t, 3, p) and lengths (e,); the energy there, and energies (t,) of frames
     with the second differences that begin there. deviation (t, 3, p) of the points, the
@@ -219,7 +219,7 @@ def smooth(
     noise: float,
     max_rounds: int = MAX_SMOOTHING_ROUNDS,
 ) -> Smoothed:
-    """Infer the shapes of all frames of a sequence by minimising the objective above.
+    """Infer the shapes of all frames of a sequence by minimising the objective.
 
     noise: sigma, the standard deviation of a coordinate of the landmarks.
     """

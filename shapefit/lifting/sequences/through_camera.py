@@ -1,4 +1,4 @@
-"""Sequences before a pinhole camera: into the frame of weak perspective, and back.
+"""Sequences in front of a pinhole camera: into the frame of weak perspective, and back.
 
 Seen in the direction u, the landmark of a point at the depth f + z lies at
 
@@ -42,7 +42,7 @@ def refine_through_camera(
     rays = find_rays(landmarks, view.camera)
     size = rays.focal / find_rays(landmarks, near).focal
     size = np.where(np.isfinite(lifting.scale), size, np.nan)
-    # from the unit of the shapes before the camera to that of the weak perspective
+    # from the unit of the shapes in front of the camera to that of the weak perspective
     to_weak = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
     estimate = lifting.estimate
@@ -59,17 +59,17 @@ def refine_through_camera(
     )
     depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]
     refined = refine(weak, rays.landmarks * (1 + depth))
-    return place_before_camera(lifting, view, refined, rays.focal, to_weak)
+    return convert_refined_to_pinhole(lifting, view, refined, rays.focal, to_weak)
 
 
-def place_before_camera(
+def convert_refined_to_pinhole(
     lifting: PosteriorLifting,
     view: PerspectiveView,
     refined: PosteriorLifting,
     focal: Floats,
     to_weak: Floats,
 ) -> PosteriorLifting:
-    """Put refined shapes (n, 3, p) before the camera, where the images have theirs.
+    """Convert refined shapes (n, 3, p) from weak perspective to the pinhole camera.
 
     refined: by weak perspective, its error bars in a unit in which numbers are to_weak
     (n, 1, 1) times those of `lifting`.

@@ -15,8 +15,8 @@ from shapefit.evaluation.metrics import SHARE
 from shapefit.evaluation.page import PageFigure
 from shapefit.evaluation.report import ALIGNED, ALL, NORMALISED, Document, Quantity
 from shapefit.evaluation.units import ShownUnit
-from shapefit.pipelines.evaluate.examples import Pictured, picture
-from shapefit.pipelines.evaluate.measure import MatchedResults, Measured
+from shapefit.pipelines.evaluate.examples import MethodExamples, choose_examples
+from shapefit.pipelines.evaluate.measure import MatchedResults, MethodErrors
 from shapefit.records import Shapes
 
 if TYPE_CHECKING:
@@ -52,6 +52,9 @@ CAPTIONS = {
 }
 """What is said below each figure."""
 
+FIGURE_FORMATS = ("svg", "png", "pdf")
+"""Formats in which figures lie beside the page."""
+
 
 class Figures(NamedTuple):
     """The figures of the page, and the files beside it by name."""
@@ -61,7 +64,7 @@ class Figures(NamedTuple):
 
 
 class _Shown(NamedTuple):
-    """The error that figures show, and its unit for people."""
+    """The metric and unit of the error that figures show, and the unit for people."""
 
     quantity: Quantity
     unit: ShownUnit
@@ -69,7 +72,7 @@ class _Shown(NamedTuple):
 
 def draw_figures(
     document: Document,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     matched: MatchedResults,
     truth: Shapes,
     config: EvalConfig,
@@ -98,7 +101,7 @@ def draw_figures(
 
 
 def _shown_error(document: Document) -> _Shown:
-    """Return the aligned error in the unit of the truth, or the next best one.
+    """Return which error figures show: in the unit of the truth, after alignment.
 
     That is the normalised one where the truth states no unit, and the first error of
     the report where alignment was not measured.
@@ -115,12 +118,12 @@ def _shown_error(document: Document) -> _Shown:
 
 def _draw(
     document: Document,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     matched: MatchedResults,
     truth: Shapes,
     shown: _Shown,
 ) -> dict[str, Figure]:
-    """Return the figures of a report by name, in their order.
+    """Draw the figures of a report; return them by name, in their order.
 
     matched are the results of the first method, of which examples are shown; shown: the
     error that figures show.
@@ -133,7 +136,7 @@ def _draw(
         drawn["sequences"] = f.draw_sequences(means, unit)
     if shown.quantity[0] == ALIGNED:
         error = shown.unit.factor * methods[names[0]].errors[shown.quantity]
-        pictured = picture(names[0], matched, truth, error, unit)
+        pictured = choose_examples(names[0], matched, truth, error, unit)
         if pictured is not None:
             drawn["landmarks"] = _draw_landmarks(document, methods, pictured, shown)
             drawn["examples"] = f.draw_examples(pictured.examples, pictured.edges)
@@ -148,7 +151,7 @@ def _draw(
 
 
 def _errors_by_group(
-    document: Document, methods: Mapping[str, Measured], shown: _Shown
+    document: Document, methods: Mapping[str, MethodErrors], shown: _Shown
 ) -> dict[str, dict[str, Floats]]:
     """Return group -> method -> errors of images (n,), nan where an image failed."""
     members: dict[str, set[str]] = {}
@@ -185,11 +188,11 @@ def _means_by_sequence(
 
 def _draw_landmarks(
     document: Document,
-    methods: Mapping[str, Measured],
-    pictured: Pictured,
+    methods: Mapping[str, MethodErrors],
+    pictured: MethodExamples,
     shown: _Shown,
 ) -> Figure:
-    """Draw the errors of the landmarks of the first method, by all methods."""
+    """Draw the mean error of each landmark by each method, on a typical shape."""
     names = methods[pictured.method].landmarks.names
     means = {
         (one.method, one.part): shown.unit.factor * one.mean

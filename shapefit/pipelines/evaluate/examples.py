@@ -39,7 +39,7 @@ MIN_UP = 0.3
 """Length of the mean direction that is up in images from which on it is believed."""
 
 
-class Pictured(NamedTuple):
+class MethodExamples(NamedTuple):
     """What a report draws of one method beside its numbers.
 
     examples: a row for the best, the median and the worst images, in the unit that
@@ -53,37 +53,37 @@ class Pictured(NamedTuple):
     edges: Integers
 
 
-def picture(
+def choose_examples(
     method: str,
     matched: MatchedResults,
     truth: Shapes,
     error: Floats,
     unit: str,
-) -> Pictured | None:
-    """Choose what is drawn of a method, None where no image has an error.
+) -> MethodExamples | None:
+    """Choose the example images and the typical shape that a report draws of a method.
 
-    error (n,) as people read it, in the unit.
+    error (n,) in `unit`, as people read it; None where no image has any.
     """
     rows = _choose_rows(error)
     if not rows:
         return None
-    edges = _edges(matched, truth)
+    edges = _find_edges(matched, truth)
     examples = []
     for word, chosen in zip(WORDS, rows, strict=True):
         of_row = []
         for row in chosen:
             item = matched.results.items[row]
             short = item if len(item) <= ITEM_LETTERS else f"…{item[-ITEM_LETTERS:]}"
-            title = f"{word}: {short}, {_three_digits(error[row])} {unit}"
-            of_row.append(_example(matched, truth, row, title))
+            title = f"{word}: {short}, {_format_error(error[row])} {unit}"
+            of_row.append(_make_example(matched, truth, row, title))
         examples.append(tuple(of_row))
-    return Pictured(
-        method, tuple(examples), _typical_shape(matched, truth, edges), edges
+    return MethodExamples(
+        method, tuple(examples), _find_typical_shape(matched, truth, edges), edges
     )
 
 
-def _three_digits(error: float) -> str:
-    """Return an error with three digits, and none after the point from 100 on."""
+def _format_error(error: float) -> str:
+    """Return an error as text with three digits, and as an integer from 100 on."""
     return f"{error:,.0f}" if error >= 100 else f"{error:.3g}"
 
 
@@ -101,7 +101,7 @@ def _choose_rows(error: Floats) -> list[list[int]]:
 
 
 def _first_and_another(ranked: Indices) -> list[int]:
-    """Return the first row and the next that is not near it in the file.
+    """Return the first of ranked rows, and the next that is not near it in the file.
 
     Neighbours in a video look the same.
     """
@@ -111,10 +111,11 @@ def _first_and_another(ranked: Indices) -> list[int]:
     return [first, int(others[0])] if len(others) else [first]
 
 
-def _edges(matched: MatchedResults, truth: Shapes) -> Integers:
-    """Return the lines (e, 2) between the common landmarks, of the first that has any.
+def _find_edges(matched: MatchedResults, truth: Shapes) -> Integers:
+    """Return the edges (e, 2) between common landmarks, as indices of these.
 
-    That is the truth, else the results, else a skeleton with such names.
+    They are those of the truth, else of the results, else of a skeleton with such
+    names.
     """
     column = {name: place for place, name in enumerate(matched.names)}
     for record in (truth, matched.results):
@@ -131,12 +132,14 @@ def _edges(matched: MatchedResults, truth: Shapes) -> Integers:
     return np.array(edges_of(matched.names), dtype=np.int64).reshape(-1, 2)
 
 
-def _example(matched: MatchedResults, truth: Shapes, row: int, title: str) -> Example:
-    """Return an image, its estimate and its truth, which is turned onto the estimate.
+def _make_example(
+    matched: MatchedResults, truth: Shapes, row: int, title: str
+) -> Example:
+    """Return the Example of an image: its estimate, and its truth turned onto that.
 
     Both are in the scale of the truth, about the middle of their common landmarks.
     """
-    to_viewer = _to_viewer(matched)
+    to_viewer = _turn_to_viewer(matched)
     estimate = matched.estimate[row]
     true = matched.true[row]
     is_common = np.isfinite(estimate + true).all(axis=0)
@@ -156,11 +159,11 @@ def _example(matched: MatchedResults, truth: Shapes, row: int, title: str) -> Ex
         seen,
         to_viewer @ turn @ (true - middle),
         to_viewer @ (scale * (estimate - e.mean(axis=1, keepdims=True))),
-        _true_mesh(matched, truth, row, to_viewer @ turn, middle),
+        _turn_true_mesh(matched, truth, row, to_viewer @ turn, middle),
     )
 
 
-def _true_mesh(
+def _turn_true_mesh(
     matched: MatchedResults, truth: Shapes, row: int, turn: Floats, middle: Floats
 ) -> Floats | None:
     """Return the true mesh of an image as triangles (f, 3, 3), turned about a point.
@@ -174,8 +177,8 @@ def _true_mesh(
     return triangles
 
 
-def _to_viewer(matched: MatchedResults) -> Floats:
-    """Return the turn (3, 3) of the camera frame to x right, y up, z to the viewer.
+def _turn_to_viewer(matched: MatchedResults) -> Floats:
+    """Return the rotation (3, 3) of camera axes to x right, y up, z to the viewer.
 
     Without landmarks shapes of other tools are upright as they are.
     """
@@ -185,24 +188,24 @@ def _to_viewer(matched: MatchedResults) -> Floats:
     return np.eye(3) if is_up else np.diag([1.0, -1.0, -1.0])
 
 
-def _typical_shape(
+def _find_typical_shape(
     matched: MatchedResults, truth: Shapes, edges: Integers
 ) -> TypicalShape:
     """Return the true shape next to the mean of all, upright, at its broad side."""
     some = evenly(len(matched.true), INSPECTED_SHAPES)
     known = np.isfinite(matched.true[some]).all(axis=1)
     complete = some[known.sum(axis=1) == known.sum(axis=1).max()]
-    row = _most_usual(matched.true, complete)
+    row = _find_most_usual(matched.true, complete)
     shape = matched.true[row]
     middle = np.nanmean(shape, axis=1, keepdims=True)
-    upright = _upright(matched, complete)
-    turn = _broad_side(upright @ (shape - middle)) @ upright
-    mesh = _true_mesh(matched, truth, row, turn, middle)
+    upright = _turn_upright(matched, complete)
+    turn = _turn_broad_side(upright @ (shape - middle)) @ upright
+    mesh = _turn_true_mesh(matched, truth, row, turn, middle)
     return TypicalShape(turn @ (shape - middle), edges, mesh)
 
 
-def _most_usual(true: Floats, rows: Indices) -> int:
-    """Return which of some shapes is next to their mean, all turned onto each other."""
+def _find_most_usual(true: Floats, rows: Indices) -> int:
+    """Return the one of `rows` whose shape (n, 3, p) is nearest to the mean of them."""
     shapes = true[rows]
     if not np.isfinite(shapes).all():
         return int(rows[0])
@@ -214,13 +217,13 @@ def _most_usual(true: Floats, rows: Indices) -> int:
     return int(rows[off.argmin()])
 
 
-def _upright(matched: MatchedResults, rows: Indices) -> Floats:
-    """Return the turn (3, 3) of the frame of the truth after which y is up.
+def _turn_upright(matched: MatchedResults, rows: Indices) -> Floats:
+    """Return the rotation (3, 3) of the frame of the truth after which y is up.
 
     Cameras are mostly upright: the axis of the truth that most often points up in the
     images is up. Without one, y is.
     """
-    up_in_camera = _to_viewer(matched)[1]
+    up_in_camera = _turn_to_viewer(matched)[1]
     estimate = matched.estimate[rows]
     true = matched.true[rows]
     is_whole = np.isfinite(estimate + true).all(axis=(1, 2))
@@ -234,8 +237,8 @@ def _upright(matched: MatchedResults, rows: Indices) -> Floats:
     return TO_Y_UP[AXES_DOWN[axis] if up[axis] < 0 else AXES_UP[axis]]
 
 
-def _broad_side(shape: Floats) -> Floats:
-    """Return the turn (3, 3) about y that brings the broad side of a shape in front."""
+def _turn_broad_side(shape: Floats) -> Floats:
+    """Return the rotation (3, 3) about y by which a shape's broad side is in front."""
     across = shape[[0, 2]][:, np.isfinite(shape).all(axis=0)]
     values, axes = np.linalg.eigh(across @ across.T)
     x, z = axes[:, values.argmax()]

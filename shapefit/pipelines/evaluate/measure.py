@@ -26,14 +26,14 @@ from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.procrustes import aligned_distances, similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
-from shapefit.io.names import check_numbering, match_landmarks, pairs_of_sides
+from shapefit.io.names import check_numbering, find_side_pairs, match_landmarks
 from shapefit.io.skeletons import joint_columns
 from shapefit.pipelines.items import (
     BY_FRAME,
     BY_ITEM,
     find_truth,
-    match_keys,
-    named_items,
+    join_match_keys,
+    names_in_dataset,
     subsample,
 )
 from shapefit.records import Fit, Items, Shapes
@@ -73,7 +73,7 @@ MetricData = Mapping[str, Any]
 """What metrics take, by name; None for what is absent."""
 
 
-class Measured(NamedTuple):
+class MethodErrors(NamedTuple):
     """Errors of the n images of the results of one method.
 
     items and sequences (n), "" where the sequence is unknown; errors maps a metric and
@@ -106,7 +106,9 @@ class PartErrors(NamedTuple):
     errors: Mapping[str, Floats]
 
 
-def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Measured:
+def measure(
+    file: Path, results: Fit, truth: Shapes, config: EvalConfig
+) -> MethodErrors:
     """Measure every image of results in the metrics that their datasets allow.
 
     Images and true shapes are matched by `match` (by frame where no item is the same),
@@ -122,9 +124,10 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
 def match_results(
     file: Path, results: Fit, truth: Shapes, config: EvalConfig
 ) -> MatchedResults:
-    """Return the results that count, beside their truth.
+    """Match results to the true shapes, and landmarks of both by name.
 
-    Raises InputError where no image or too few landmarks match.
+    Images with too few visible landmarks are left out. Raises InputError where no image
+    or too few landmarks match.
     """
     results = _with_enough_visible(file, results, config.least_visible)
     _check_not_empty(file, results, truth, config.least_visible)
@@ -133,17 +136,17 @@ def match_results(
 
 def measure_matched(
     file: Path, matched: MatchedResults, truth: Shapes, config: EvalConfig
-) -> Measured:
-    """Measure results beside their truth in the metrics that their datasets allow.
+) -> MethodErrors:
+    """Measure matched results in the metrics that their datasets allow.
 
     Raises InputError where no metric can be measured.
     """
     results, estimate, true = matched.results, matched.estimate, matched.true
     data = _find_datasets(file, matched, config)
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        warnings = [*matched.notes, *_find_sides(estimate, true, matched.names)]
+        warnings = [*matched.notes, *_warn_of_sides(estimate, true, matched.names)]
         metrics, notes = check_rotation_frames(config.metrics, data)
-        warnings += [*notes, *_find_units(results, truth, estimate, true)]
+        warnings += [*notes, *_warn_of_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
         errors, lacking = _errors_of(
             file, metrics, data, scale, truth.unit, results.unit
@@ -158,16 +161,16 @@ def measure_matched(
     common = in_blocks(m.visible_in_both, estimate, true)
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
-    failures = _failures(results, matched.rows, common, errors)
+    failures = _failure_reasons(results, matched.rows, common, errors)
     has_error = [item not in failures for item in results.items]
     is_fitted = np.array(has_error, dtype=np.bool_)
     for (metric, _), values in errors.items():
         if METRICS[metric].optional:
             values[np.isnan(values) & is_fitted] = np.inf
     method = results.attributes.get("method")
-    return Measured(
+    return MethodErrors(
         items=tuple(results.items),
-        sequences=_sequences(results, truth, matched.rows),
+        sequences=_image_sequences(results, truth, matched.rows),
         errors=errors,
         failures=failures,
         warnings=tuple(f"{file}: {text}" for text in warnings),
@@ -193,7 +196,7 @@ def _with_enough_visible(file: Path, results: Fit, min_visible: int) -> Fit:
 def _check_not_empty(
     file: Path, results: Fit, truth: Shapes, least_visible: int
 ) -> None:
-    """Raise InputError where there is nothing to compare."""
+    """Raise InputError where the results or the truth hold no shape to compare."""
     fault = "holds no shapes"
     if least_visible:
         fault += f" with {least_visible} observed `landmarks`"
@@ -205,7 +208,7 @@ def _check_not_empty(
 
 
 class MatchedResults(NamedTuple):
-    """Results beside their truth.
+    """Results of n images beside their true shapes, in the landmarks that both have.
 
     rows (n,) of the true shapes, -1 for none; names of the p common landmarks; estimate
     and true (n, 3, p); notes for people.
@@ -220,7 +223,7 @@ class MatchedResults(NamedTuple):
 
     @property
     def columns(self) -> Indices:
-        """Return the columns (p,) of the common landmarks among those of results."""
+        """Return the places (p,) of the common landmarks among those of the results."""
         return match_landmarks(self.results.landmark_names, self.names)
 
 
@@ -244,7 +247,9 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
         *_describe_left_out("truth", truth.landmark_names, names),
     ]
     if is_by_frame and results.sequences is not None:
-        retained, left_out = _one_individual(results.sequences, rows, estimate, true)
+        retained, left_out = _select_best_individual(
+            results.sequences, rows, estimate, true
+        )
         notes += left_out
         results = results.take(retained)
         rows = rows[retained]
@@ -289,7 +294,7 @@ def _find_datasets(
 def _find_bars(
     matched: MatchedResults, data: MetricData, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
-    """Return distances of the truth in error bars, None without bars; and notes.
+    """Return where the truth lies in the error bars, None without bars; and notes.
 
     scale (n,): the size of the true shapes, in their unit.
     """
@@ -327,7 +332,7 @@ def _angle_errors(matched: MatchedResults) -> PartErrors:
         return PartErrors((), {})
 
     def turns(estimate: Floats, true: Floats) -> Floats:
-        """Return by how many degrees (n, a) angles differ, the shorter way round."""
+        """Return the differences (n, a) of angles in degrees, the shorter way round."""
         estimated, _ = measure_angles(estimate, ANY_DIRECTION, joints, angles=angles)
         expected, _ = measure_angles(true, ANY_DIRECTION, joints, angles=angles)
         turn = np.abs(estimated - expected)
@@ -338,8 +343,8 @@ def _angle_errors(matched: MatchedResults) -> PartErrors:
     return PartErrors(tuple(angle.name for angle in angles), {"deg": errors})
 
 
-def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:
-    """Return the sequence of each image, of the truth where results state none."""
+def _image_sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:
+    """Return the sequence (n,) of each image, by the truth where results have none."""
     if results.sequences is not None:
         return tuple(name or ALL for name in results.sequences)
     if truth.sequences is None:
@@ -351,15 +356,15 @@ def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:
 def match_truth(
     file: Path, results: Items, truth: Shapes, match: str
 ) -> tuple[Indices, bool]:
-    """Return the row (n,) of the true shape of each image, -1 for none; if by frame.
+    """Return each image's row (n,) in the truth, -1 for none; and whether by frame.
 
     By frame where that is chosen, or where results of other tools, which have no
     status, share no item with the truth.
     """
-    keys = match_keys([results])
-    true_keys = match_keys([truth])
+    keys = join_match_keys([results])
+    true_keys = join_match_keys([truth])
     if match not in (BY_ITEM, BY_FRAME):
-        keys = keys._replace(items=named_items(results, match, file, "match"))
+        keys = keys._replace(items=names_in_dataset(results, match, file, "match"))
     if match != BY_FRAME:
         try:
             return find_truth(file, match, keys, true_keys), False
@@ -384,12 +389,12 @@ def _common_landmarks(
     return common
 
 
-def _one_individual(
+def _select_best_individual(
     sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Return the rows of images whose true shape no better sequence has; a warning.
+    """Keep, of individuals with the same true shapes, the best; return rows, warnings.
 
-    Better is the one with the smaller median error.
+    It is the one with the smallest median error; rows of its images are returned.
     """
     has_truth = rows >= 0
     names = np.array(sequences, str)
@@ -447,8 +452,8 @@ def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
         )
 
 
-def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
-    """Return a warning where shapes fit a mirrored truth much better, else [].
+def _warn_of_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
+    """Return a warning where a mirrored truth or swapped sides fit far better, else [].
 
     Or one with the names of left and right exchanged. Shapes are (n, 3, p).
     """
@@ -456,7 +461,7 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
     e = estimate[some]
     x = truth[some]
     exchanged = np.arange(len(names))
-    for left, right in pairs_of_sides(names):
+    for left, right in find_side_pairs(names):
         exchanged[[left, right]] = right, left
 
     def median_error(true: Floats) -> float:
@@ -477,10 +482,10 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
     return [f"{text} ({mirrored:.3g} for {error:.3g}); {fix}"]
 
 
-def _find_units(
+def _warn_of_units(
     results: Fit, truth: Shapes, estimate: Floats, true: Floats
 ) -> list[str]:
-    """Return a warning where shapes in the same unit differ in size by far, else [].
+    """Return a warning where results and truth in one unit differ far in size, else [].
 
     estimate and true (n, 3, p). Results in pixels may state how many metres these are.
     """
@@ -513,10 +518,10 @@ def _find_units(
 def check_rotation_frames(
     metrics: Sequence[str], data: MetricData
 ) -> tuple[Sequence[str], list[str]]:
-    """Return the metrics without `rotation` where frames differ, and a note on that.
+    """Return metrics without `rotation` if object frames differ, and a note on that.
 
-    The frames are those of dictionary and truth. Then shapes fit the truth with a small
-    rotation, and their stated rotations are far from the true ones.
+    The frames are those of dictionary and truth. If they differ, shapes fit the truth
+    with a small rotation, and their stated rotations are far from the true ones.
     """
     if "rotation" not in metrics:
         return metrics, []
@@ -587,7 +592,7 @@ def _errors_of(
     return errors, warnings
 
 
-def _failures(
+def _failure_reasons(
     results: Fit, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
     """Return item -> why it lacks an error; rows (n,) of true shapes, -1 for none."""
@@ -618,10 +623,10 @@ def _failures(
 
 
 def with_shapes_of(results: Fit, names: Sequence[str]) -> Fit:
-    """Return the result with its joints, or its input's landmarks if these fit better.
+    """Return a fit whose shapes are its joints, or the detector's landmarks.
 
-    By the names. Where a fit lifted a detector's landmarks with a dictionary of joints,
-    its result has both.
+    They are those of which more are among `names`. Where a fit lifted a detector's
+    landmarks with a dictionary of joints, its result has both.
     """
     if results.input_landmark_names is None or results.input_shapes is None:
         return results

@@ -31,9 +31,9 @@ from shapefit.evaluation.page import PageFacts, report_page
 from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
-from shapefit.io.csv_rows import csv_rows
+from shapefit.io.csv_rows import format_rows
 from shapefit.io.detect import detect_format
-from shapefit.io.formats import check_holds
+from shapefit.io.formats import check_our_format
 from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
 from shapefit.io.source import (
@@ -42,10 +42,15 @@ from shapefit.io.source import (
     ShapeSource,
     open_results,
 )
-from shapefit.pipelines.evaluate.drawing import Figures, draw_figures
+from shapefit.pipelines.evaluate.drawing import (
+    CAPTIONS,
+    FIGURE_FORMATS,
+    Figures,
+    draw_figures,
+)
 from shapefit.pipelines.evaluate.measure import (
     MatchedResults,
-    Measured,
+    MethodErrors,
     match_results,
     measure_matched,
     with_shapes_of,
@@ -59,6 +64,9 @@ ERROR_BARS_FILE = "error_bars.json"
 
 PER_IMAGE_FILE = "per_image.csv"
 """File of the report with the errors of all images."""
+
+PER_ANGLE_FILE = "per_angle.csv"
+"""File of the report with the errors of each joint angle, of people."""
 
 PAGE_FILE = "report.html"
 """The page of the report."""
@@ -95,7 +103,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     inputs = digests(config.truth)
     every_file = [file for files in config.results.values() for file in files]
     warnings = [*describe_unfinished(every_file)]
-    methods: dict[str, Measured] = {}
+    methods: dict[str, MethodErrors] = {}
     draws = config.plots != "none" and not _lacks_matplotlib(config)
     pictured: MatchedResults | None = None
     with ExitStack() as open_files:
@@ -113,7 +121,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
             if draws and not methods:
                 pictured = matched
             methods[name] = measured
-            doubts = used_in_training(name, results.attributes, inputs)
+            doubts = warn_of_training_on_truth(name, results.attributes, inputs)
             new = [*doubts, *measured.warnings]
             warnings += new
             failures = [
@@ -139,13 +147,34 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         for name, data in figures.files.items():
             (folder / name).write_bytes(data)
     names = (*texts, PER_IMAGE_FILE, *figures.files)
+    last_warnings = warn_of_earlier_files(config.output, names)
+    if _lacks_matplotlib(config):
+        last_warnings.append(Note(WITHOUT_MATPLOTLIB))
     yield Result(
         note="\n".join(report.short_lines(document)),
-        warnings=(Note(WITHOUT_MATPLOTLIB),) if _lacks_matplotlib(config) else (),
+        warnings=tuple(last_warnings),
         written=tuple(config.output / name for name in names),
-        numbers=numbers_of(methods),
+        numbers=eval_numbers(methods),
         data=lambda: json.loads(texts["report.json"]),
     )
+
+
+def warn_of_earlier_files(folder: Path, written: Sequence[str]) -> list[str]:
+    """Return a warning of files of an earlier report that this one has not replaced.
+
+    folder: of the report; written: the names of its files.
+    """
+    optional = {PER_ANGLE_FILE, ERROR_BARS_FILE}
+    optional |= {f"{name}.{kind}" for name in CAPTIONS for kind in FIGURE_FORMATS}
+    others = optional.difference(written)
+    earlier = sorted(name for name in others if (folder / name).exists())
+    if not earlier:
+        return []
+    verb = "is" if len(earlier) == 1 else "are"
+    names = listed(earlier, "and")
+    return [
+        f"{path_text(folder)}: {names} {verb} of an earlier report; delete old ones"
+    ]
 
 
 def _lacks_matplotlib(config: EvalConfig) -> bool:
@@ -153,7 +182,7 @@ def _lacks_matplotlib(config: EvalConfig) -> bool:
     return config.plots != "none" and find_spec("matplotlib") is None
 
 
-def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
+def eval_numbers(methods: Mapping[str, MethodErrors]) -> Numbers:
     """Return the number of images compared, and coverage of error bars by method."""
     images = sum(len(measured.items) for measured in methods.values())
     shares = {name: share_inside(measured.bars) for name, measured in methods.items()}
@@ -161,7 +190,7 @@ def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
 
 
 def share_inside(bars: ErrorBars | None) -> float | None:
-    """Return the share of landmarks inside their regions, None where none has one."""
+    """Return the share of landmarks inside their 90% regions, None without regions."""
     if bars is None:
         return None
     squares = bars.square[~np.isnan(bars.square)]
@@ -170,12 +199,12 @@ def share_inside(bars: ErrorBars | None) -> float | None:
 
 def _report_texts(
     document: report.Document,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     truth: Shapes,
     figures: Figures,
     config: EvalConfig,
 ) -> dict[str, str]:
-    """Return names -> texts of the files of the report, without per_image.csv."""
+    """Return file name -> text of the files of the report but per_image.csv."""
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
     texts = {
         PAGE_FILE: "",
@@ -184,7 +213,7 @@ def _report_texts(
         "per_landmark.csv": report.parts_csv(document["landmarks"], "landmark"),
     }
     if document["angles"]:
-        texts["per_angle.csv"] = report.parts_csv(document["angles"], "angle")
+        texts[PER_ANGLE_FILE] = report.parts_csv(document["angles"], "angle")
     if document["factors"]:
         texts[ERROR_BARS_FILE] = json.dumps(document["factors"])
     files = (*texts, PER_IMAGE_FILE, *figures.files)
@@ -212,17 +241,17 @@ def open_method(files: Sequence[Path]) -> ResultSource | ShapeSource:
     file_format = detect_format(files[0])
     if file_format.read_poses is not None:
         return open_shapes(files, gaps=True)
-    check_holds(files[0], "result", file_format)
+    check_our_format(files[0], "result", file_format)
     return open_results(files, SKIPPED_COLUMNS)
 
 
 def read_whole(source: ResultSource | ShapeSource) -> Fit:
-    """Read all of a source, shapes as results that say nothing else."""
+    """Read all of a source as one Fit; of shapes, one that has nothing else."""
     record = source.whole()
     return record if isinstance(record, Fit) else Fit.of_shapes(record)
 
 
-def used_in_training(
+def warn_of_training_on_truth(
     method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
     """Return a warning where the dictionary learned from a file of the truth.
@@ -244,7 +273,7 @@ def used_in_training(
 
 def make_document(
     config: EvalConfig,
-    methods: Mapping[str, Measured],
+    methods: Mapping[str, MethodErrors],
     warnings: Sequence[str],
     inputs: Mapping[str, str],
 ) -> report.Document:
@@ -274,7 +303,7 @@ def make_document(
     }
     for name, measured in methods.items():
         files = [path_text(file) for file in config.results[name]]
-        document["methods"].append(_outcome(name, files, measured))
+        document["methods"].append(_method_outcome(name, files, measured))
         document["summaries"] += report.summarise_errors(
             name, measured.sequences, measured.errors, grouping
         )
@@ -288,7 +317,9 @@ def make_document(
     return document
 
 
-def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOutcome:
+def _method_outcome(
+    name: str, files: list[str], measured: MethodErrors
+) -> report.MethodOutcome:
     """Return the entry of a method in the report: files, images and failures."""
     mean_objective = None
     if measured.objective is not None:
@@ -309,7 +340,7 @@ def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOu
     }
 
 
-def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
+def write_per_image(path: Path, methods: Mapping[str, MethodErrors]) -> None:
     """Write the errors of all images, and the share of landmarks inside the error bars.
 
     That of a failed image is empty; one that does not count, which is infinite, has no
@@ -323,8 +354,8 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
                 file.write(rows)
 
 
-def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
-    """Yield rows of method, sequence, item, metric, error and unit, metric by metric.
+def _rows_per_image(name: str, measured: MethodErrors) -> Iterator[memoryview]:
+    """Yield rows of CSV: method, sequence, item, metric, error, unit; by metric.
 
     They are many, one for each image and metric: what several share is quoted once.
     """
@@ -334,18 +365,20 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
         errors[inside, SHARE] = np.where(np.isnan(coverage), np.inf, coverage)
     images = zip(measured.sequences, measured.items, strict=True)
-    of_images = _quoted((name, sequence, item) for sequence, item in images)
+    of_images = _csv_lines((name, sequence, item) for sequence, item in images)
     n = len(of_images)
     for (metric, unit), values in errors.items():
         counted = np.flatnonzero(values != np.inf)
-        texts = [*of_images, *_quoted([(metric,), (unit,)])]
+        texts = [*of_images, *_csv_lines([(metric,), (unit,)])]
         cells = np.column_stack(
             [counted, np.full_like(counted, n), np.full_like(counted, n + 1)]
         )
-        yield csv_rows(texts, cells, values[counted, None], leading=2, as_python=True)
+        yield format_rows(
+            texts, cells, values[counted, None], leading=2, as_python=True
+        )
 
 
-def _quoted(rows: Iterable[tuple[str, ...]]) -> list[bytes]:
+def _csv_lines(rows: Iterable[tuple[str, ...]]) -> list[bytes]:
     """Return rows as CSV, quoted where need be, without the ends of lines."""
     lines: list[str] = []
     table = csv.writer(SimpleNamespace(write=lines.append), lineterminator="\n")

@@ -57,13 +57,13 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     for factor in STRETCH_FACTORS:
         after = log_density(divide_x(sample, factor), posterior)
         gain = after - before - (seen - 1) * np.log(factor)
-        gains[factor] = lower_quartile(gain)
+        gains[factor] = first_quartile(gain)
     best = max(gains, key=lambda factor: gains[factor])
     return best if gains[best] > MIN_STRETCH_GAIN else 1.0
 
 
 def describe_stretch(factor: float) -> str:
-    """Return what is wrong with a file whose x is too wide by a factor."""
+    """Return a text that warns of a file whose x is too wide by a factor."""
     how = f"{factor:.2g} times as wide" if factor > 1 else f"{factor:.2g} of the width"
     return (
         f"people in it have about {how} that a camera shows: x and y have different"
@@ -79,7 +79,7 @@ def divide_x(images: Landmarks, factor: float) -> Landmarks:
 
 
 def log_density(images: Landmarks, posterior: ImagePosterior) -> Floats:
-    """Return log p(w) (n,) of images per square unit of their landmarks."""
+    """Return the log density (n,) of the landmarks of each image, per square unit."""
     lifting = posterior.lift(images)
     seen = (lifting.problem.weights > 0).sum(axis=1)
     evidence = lifting.estimate.log_evidence
@@ -87,7 +87,7 @@ def log_density(images: Landmarks, posterior: ImagePosterior) -> Floats:
     return density
 
 
-def lower_quartile(values: Floats) -> float:
-    """Return the value that three finite ones in four exceed, -inf if there is none."""
+def first_quartile(values: Floats) -> float:
+    """Return the lower quartile of the finite values, -inf if there is none."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, 0.25)) if len(finite) else -np.inf

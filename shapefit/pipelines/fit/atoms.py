@@ -25,17 +25,17 @@ from shapefit.lifting.lift import BETA, Group, Lifting, Program, fail_nonfinite,
 from shapefit.lifting.lift import merge as merge_groups
 from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
-from shapefit.pipelines.fit.columns import blank, with_certificate
+from shapefit.pipelines.fit.columns import blank_failed, with_certificate
 from shapefit.pipelines.fit.family import (
     Calibration,
     Cost,
-    Lifted,
+    LiftedImages,
     Pace,
     read_blocks,
 )
 from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, lift_inliers
-from shapefit.pipelines.items import named_items
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.items import names_in_dataset
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import on_threads
 
@@ -49,8 +49,8 @@ WORTH_TIMING_SECONDS = 60.0
 """Of all images by the first one, below which no more are timed."""
 
 
-def make_atom_family(config: FitConfig, match: Matched) -> AtomFamily:
-    """Return the family with the options of a config."""
+def make_atom_family(config: FitConfig, match: LandmarkMatch) -> AtomFamily:
+    """Return the family of a method that combines atoms, with a config's options."""
     lam = None if config.lam == "auto" else config.lam
     robust = config.outliers in ROBUST
     program = Program(
@@ -103,12 +103,15 @@ class AtomFamily:
     threads: int = 0
 
     def check(self, sample: Landmarks) -> None:
-        """Raise InputError where atoms are to be left out, and no image names any."""
+        """Raise InputError where atoms are to be left out, but no image names any."""
         if self.leave_one_out is not None:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the seconds per image, timed on one, or some where all take long."""
+        """Predict seconds per image by lifting one of the sample, or several.
+
+        One is enough unless all `total` images take long.
+        """
         per_image = 0.0
         if total <= 1:
             return Cost(per_image, total)
@@ -126,11 +129,11 @@ class AtomFamily:
         return Calibration()
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield blocks of images, which are lifted one by one."""
+        """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> Lifted:
-        """Lift images, without some of the atoms where these are to be left out."""
+    def lift(self, images: Landmarks) -> LiftedImages:
+        """Lift images, without the atoms of their items if `leave_one_out` is set."""
         if self.leave_one_out is None:
             lifting = self.lift_images(images)
         else:
@@ -138,16 +141,16 @@ class AtomFamily:
         omitted = None
         if self.leave_one_out is not None:
             omitted = find_omitted(images, self.leave_one_out, self.dictionary)
-        return Lifted(fail_nonfinite(lifting), omitted=omitted)
+        return LiftedImages(fail_nonfinite(lifting), omitted=omitted)
 
-    def columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
+    def add_columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
         """Return the fit with coefficients, duality gap and certificate."""
         estimate = lifting.estimate
         failed = np.isnan(lifting.scale)
         fit = replace(
             fit,
-            coefficients=blank(estimate.coefficients, failed),
-            relative_gap=blank(estimate.relative_gap, failed),
+            coefficients=blank_failed(estimate.coefficients, failed),
+            relative_gap=blank_failed(estimate.relative_gap, failed),
             active_atoms=estimate.active_atoms,
             tight=estimate.tight,
         )
@@ -157,7 +160,10 @@ class AtomFamily:
         return fit
 
     def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
-        """Solve the program of each image; before a perspective camera, refine it."""
+        """Lift images, then refine pose and coefficients for the camera, if any.
+
+        Methods that look through the camera themselves are not refined.
+        """
         w = images.as_columns()
         estimator = ESTIMATORS[self.method](self)
 
@@ -179,9 +185,9 @@ class AtomFamily:
             lifting = refine_view(lifting, w, camera, self.dictionary, self.threads)
         return lifting
 
-    def lift_omitting(self, images: Landmarks, named: str) -> Lifting[AtomEstimate]:
+    def lift_omitting(self, images: Landmarks, dataset: str) -> Lifting[AtomEstimate]:
         """Lift each image without the atoms of its item, whose coefficients are 0."""
-        omitted = find_omitted(images, named, self.dictionary)
+        omitted = find_omitted(images, dataset, self.dictionary)
 
         def lift_group(item: str) -> Group:
             """Lift the images of an item without its atoms; "" is no item."""
@@ -198,20 +204,20 @@ class AtomFamily:
         return merge_groups(groups, self.dictionary.atoms)
 
     def solver(self, tolerance: float | None = None) -> Solve:
-        """Return the solver of the convex program, by default to the own tolerance."""
+        """Return the solver of the convex program; by default, to `self.tolerance`."""
         if tolerance is None:
             tolerance = self.tolerance
         return partial(solve_newton, tolerance=tolerance, threads=self.threads)
 
 
-def estimate_by_program(family: AtomFamily) -> Estimator[AtomEstimate]:
+def convex_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
     """Return the estimator of the method `convex`."""
     from shapefit.lifting.reconstruction import lift_convex
 
     return partial(lift_convex, solve=family.solver(), threads=family.threads)
 
 
-def estimate_by_refinement(family: AtomFamily) -> Estimator[AtomEstimate]:
+def refined_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
     """Return the estimator of the method `convex+refine`."""
     from shapefit.lifting.shared_rotation import refine_convex
 
@@ -224,8 +230,11 @@ def estimate_by_refinement(family: AtomFamily) -> Estimator[AtomEstimate]:
     )
 
 
-def estimate_by_search(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the estimator of `global`, whose tolerance is that of another gap."""
+def global_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the estimator of the method `global`.
+
+    Its tolerance is that of the global gap, and not of the convex program.
+    """
     from shapefit.lifting.global_optimum import find_global
 
     of_program = min(family.tolerance, METHODS["convex"].tolerance)
@@ -239,7 +248,7 @@ def estimate_by_search(family: AtomFamily) -> Estimator[AtomEstimate]:
     )
 
 
-def estimate_by_alternation(family: AtomFamily) -> Estimator[AtomEstimate]:
+def alternating_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
     """Return the estimator of the method `alternate`."""
     from shapefit.lifting.shared_rotation import alternate_from_mean
 
@@ -252,7 +261,7 @@ def estimate_by_alternation(family: AtomFamily) -> Estimator[AtomEstimate]:
     )
 
 
-def estimate_by_pose(family: AtomFamily) -> Estimator[AtomEstimate]:
+def pose_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
     """Return the estimator of the method `mean-shape`."""
     from shapefit.lifting.shared_rotation import pose_mean_shape
 
@@ -264,7 +273,7 @@ def estimate_by_pose(family: AtomFamily) -> Estimator[AtomEstimate]:
     )
 
 
-def estimate_by_pursuit(family: AtomFamily) -> Estimator[AtomEstimate]:
+def pursuit_estimator(family: AtomFamily) -> Estimator[AtomEstimate]:
     """Return the estimator of the method `pmp`."""
     from shapefit.lifting.matching_pursuit import lift_by_pursuit
 
@@ -276,26 +285,28 @@ def estimate_by_pursuit(family: AtomFamily) -> Estimator[AtomEstimate]:
 
 
 ESTIMATORS: dict[str, Callable[[AtomFamily], Estimator[AtomEstimate]]] = {
-    "convex": estimate_by_program,
-    "convex+refine": estimate_by_refinement,
-    "global": estimate_by_search,
-    "alternate": estimate_by_alternation,
-    "mean-shape": estimate_by_pose,
-    "pmp": estimate_by_pursuit,
+    "convex": convex_estimator,
+    "convex+refine": refined_estimator,
+    "global": global_estimator,
+    "alternate": alternating_estimator,
+    "mean-shape": pose_estimator,
+    "pmp": pursuit_estimator,
 }
 """What gives the estimator of each method, which is imported where it is chosen."""
 
 
 def find_omitted(
-    images: Landmarks, named: str, dictionary: Dictionary
+    images: Landmarks, dataset: str, dictionary: Dictionary
 ) -> NDArray[np.str_]:
-    """Return the item (n,) that the fit of each image does without, '' for none."""
-    items = np.array(named_items(images, named, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str)
+    """Return the item (n,) whose atoms are left out for each image, '' for none."""
+    items = np.array(
+        names_in_dataset(images, dataset, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str
+    )
     return np.where(np.isin(items, dictionary.atom_items or ()), items, "")
 
 
-def check_omitted(images: Landmarks, named: str, dictionary: Dictionary) -> None:
-    """Raise InputError unless images show items of a dictionary that has several."""
+def check_omitted(images: Landmarks, dataset: str, dictionary: Dictionary) -> None:
+    """Raise InputError unless images name items of a dictionary that has several."""
     items = [*dict.fromkeys(dictionary.atom_items or ())]
     if len(items) < 2:
         fault = f"the atoms of the dictionary are of {len(items) or 'no'} items"
@@ -304,7 +315,7 @@ def check_omitted(images: Landmarks, named: str, dictionary: Dictionary) -> None
             f" `{LEAVE_ONE_OUT}`"
         )
         raise input_error(LEAVE_ONE_OUT, fault, fix)
-    if len(images) and not (find_omitted(images, named, dictionary) != "").any():
+    if len(images) and not (find_omitted(images, dataset, dictionary) != "").any():
         fault = "the images show no items of the dictionary"
         fix = f"name the dataset that holds them, such as {', '.join(items[:3])}"
         raise input_error(LEAVE_ONE_OUT, fault, fix)

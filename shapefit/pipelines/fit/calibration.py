@@ -11,12 +11,12 @@ from shapefit.errors import counted
 from shapefit.pipelines.fit.camera import (
     choose_camera,
     read_calibrated_camera,
-    say_outside,
-    undistorted,
+    remove_distortion,
+    warn_of_landmarks_outside,
 )
 from shapefit.pipelines.fit.choices import choose_family, place_of_names
 from shapefit.pipelines.fit.family import Calibration, Cost
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
 from shapefit.records import Landmarks
 
@@ -31,25 +31,25 @@ Calibrating = Generator[Result, None, Calibration]
 
 
 def calibrate(
-    config: FitConfig, match: Matched, images: Landmarks, total: int
+    config: FitConfig, match: LandmarkMatch, images: Landmarks, total: int
 ) -> Calibrating:
-    """Settle from the first of a total of images what the config leaves open.
+    """Estimate what the config leaves open from `images`, the first of a `total`.
 
     Yields a Result with the time that the fit may take, where that is long, and returns
     the Calibration. The camera is chosen first, since the family settles the rest as it
     sees them.
     """
-    images = undistorted(images, read_calibrated_camera(config))
+    images = remove_distortion(images, read_calibrated_camera(config))
     family = choose_family(config, match)
     family.check(images)
     named = match.arrange(images, place_of_names(config))
-    text = announce_time(family.predict_cost(named, total), total)
+    text = format_duration(family.predict_cost(named, total), total)
     if text:
         yield Result(line=text)
 
     from_landmarks = LEARNED_FROM in match.dictionary.provenance
     camera = choose_camera(config, images, from_landmarks=from_landmarks)
-    outside = say_outside(config, images)
+    outside = warn_of_landmarks_outside(config, images)
     config = config.changed(camera=dict(camera.keys))
     settled = choose_family(config, match).calibrate(images)
     log.debug("fit", "camera: %s", camera.line)
@@ -61,7 +61,7 @@ def calibrate(
     )
 
 
-def announce_time(cost: Cost, total: int) -> str:
+def format_duration(cost: Cost, total: int) -> str:
     """Return a line on how long all images may take, "" for less than a minute."""
     seconds = cost.per_image * cost.liftings
     if seconds < ANNOUNCE_AFTER_SECONDS:

@@ -68,7 +68,7 @@ MAX_CAMERA_PIXELS = 1e12
 
 
 class CameraChoice(NamedTuple):
-    """Values for keys of `camera` that a config leaves open, and a line about them."""
+    """Values chosen for the open keys of `camera`, and a line about them."""
 
     keys: Mapping[str, CameraKey]
     line: str
@@ -77,7 +77,7 @@ class CameraChoice(NamedTuple):
 def choose_camera(
     config: FitConfig, images: Landmarks, *, from_landmarks: bool
 ) -> CameraChoice:
-    """Choose the camera where the config leaves it open.
+    """Choose the camera of the images where the config leaves it open.
 
     A measured camera is taken as it is. Otherwise the optical axis meets the centre of
     the image, and the focal length is `ASSUMED_FOCAL` times its longer side. It is weak
@@ -107,29 +107,29 @@ def choose_camera(
     return assume_camera(given, size, images)
 
 
-def weak_perspective(why: str) -> CameraChoice:
-    """Return the choice of weak perspective; `why` is the end of its line."""
-    return CameraChoice({"focal": "none"}, f"weak perspective{why}")
+def weak_perspective(suffix: str) -> CameraChoice:
+    """Return the choice of weak perspective; the suffix of its line says why."""
+    return CameraChoice({"focal": "none"}, f"weak perspective{suffix}")
 
 
-def stated_camera(given: CameraConfig, size: Size) -> CameraChoice:
+def stated_camera(camera: CameraConfig, size: Size) -> CameraChoice:
     """Return the camera of a focal length that the config states.
 
     Raises InputError where the principal point is not known, and for impossible values.
     """
-    centre = given.principal_point or (size.width / 2, size.height / 2)
+    centre = camera.principal_point or (size.width / 2, size.height / 2)
     if np.isnan(centre).any():
         fix = (
             "give the size of the images, --image-size WxH, or `camera.principal_point`"
         )
         raise input_error("camera.focal", "the principal point is not known", fix)
-    check_intrinsics("camera.focal", np.array(given.focal), np.array(centre))
+    check_intrinsics("camera.focal", np.array(camera.focal), np.array(centre))
     at = ", ".join(f"{x:g}" for x in centre)
-    line = f"focal length {given.focal:.5g} px, principal point {at}"
+    line = f"focal length {camera.focal:.5g} px, principal point {at}"
     return CameraChoice({"principal_point": centre}, line)
 
 
-def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraChoice:
+def assume_camera(camera: CameraConfig, size: Size, images: Landmarks) -> CameraChoice:
     """Return a camera with the usual focal length, or weak perspective and why."""
     if images.unit not in PIXEL_UNITS:
         return weak_perspective(f": landmarks are in {images.unit}, not in pixels")
@@ -143,7 +143,7 @@ def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraC
         return weak_perspective(": the landmarks cover little of the image")
     keys: dict[str, CameraKey] = {
         "focal": focal,
-        "principal_point": given.principal_point or (size.width / 2, size.height / 2),
+        "principal_point": camera.principal_point or (size.width / 2, size.height / 2),
         "focal_sd": pinhole.ASSUMED_FOCAL_SD,
     }
     line = (
@@ -171,7 +171,7 @@ def find_size(config: FitConfig, images: Landmarks) -> Size:
     return Size(np.nan, np.nan)
 
 
-def say_outside(config: FitConfig, images: Landmarks) -> str:
+def warn_of_landmarks_outside(config: FitConfig, images: Landmarks) -> str:
     """Return a warning where many landmarks lie outside the stated image, else ""."""
     size = np.array(find_size(config, images))
     if images.unit not in PIXEL_UNITS or not np.isfinite(size).all():
@@ -191,7 +191,7 @@ def say_outside(config: FitConfig, images: Landmarks) -> str:
 
 
 def find_extent(images: Landmarks) -> float:
-    """Return the median diagonal of images' landmarks; inf where none has several."""
+    """Return the median diagonal of the landmarks of an image; inf if none has two."""
     w = np.where(images.visible()[..., None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=2).sum(axis=1) > 1]
     highest = np.nanmax(w, axis=1, initial=-np.inf)
@@ -255,7 +255,7 @@ def intrinsics_of(images: Landmarks) -> tuple[Floats, Floats]:
 
 
 def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
-    """Raise InputError for a focal length or principal point that no camera has."""
+    """Raise InputError at `place` for a focal length or centre that no camera has."""
     is_focal = (focal >= MIN_FOCAL_PIXELS) & (focal <= MAX_CAMERA_PIXELS)
     is_centre = np.abs(centre) <= MAX_CAMERA_PIXELS
     if is_focal.all() and is_centre.all():
@@ -290,13 +290,14 @@ def checked_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> F
     raise input_error(name, f"has the shape {values.shape}, or is not finite", fix)
 
 
-def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landmarks:
+def remove_distortion(
+    images: Landmarks, calibrated: CalibratedCamera | None
+) -> Landmarks:
     """Return the images with the distortion of the lens removed from their landmarks.
 
     The lens is that of `calibrated`, whose matrix and so on they then have as datasets;
     where that is None it is the one of their own datasets, and without these they stay
-    as they are. A landmark that no point of the
-    scene can have in this lens is unseen.
+    as they are. A landmark that no point of the scene can have in this lens is unseen.
     """
     if calibrated is not None:
         stated = {

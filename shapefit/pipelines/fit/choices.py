@@ -22,7 +22,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
-from shapefit.pipelines.joints import Matched, match_names
+from shapefit.pipelines.joints import LandmarkMatch, match_names
 from shapefit.timeline import parse_frame_range
 
 MIN_SEQUENCE_FRAMES = 10
@@ -104,7 +104,7 @@ def find_method(
 
 
 def with_prior_of_people(config: FitConfig, dictionary: Dictionary) -> FitConfig:
-    """Return the config with the keys of `prior` for people, where they are open."""
+    """Return the config with values for people in the keys of `prior` that are open."""
     if config.method not in PRIOR_OF_PEOPLE:
         return config
     # Imported here, as fits by other methods do not need it.
@@ -117,7 +117,7 @@ def with_prior_of_people(config: FitConfig, dictionary: Dictionary) -> FitConfig
     return config.changed(prior={key: v for key, v in values if key not in given})
 
 
-def in_sequences(config: FitConfig) -> bool:
+def are_in_sequences(config: FitConfig) -> bool:
     """Whether the images are frames of sequences, by the first of them."""
     if STANDARD_STREAM in config.landmarks:  # which cannot be read twice
         return False
@@ -131,7 +131,10 @@ def in_sequences(config: FitConfig) -> bool:
 
 
 def are_long(sequences: Sequence[str] | None) -> bool:
-    """Whether at least half of the images are of sequences that are long enough."""
+    """Whether half of the images are in sequences of MIN_SEQUENCE_FRAMES or more.
+
+    sequences (n,), the name of that of each image.
+    """
     if not sequences:
         return False
     _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
@@ -139,9 +142,9 @@ def are_long(sequences: Sequence[str] | None) -> bool:
 
 
 def choose_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None = None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None = None
 ) -> Family:
-    """Return the family of the method with the options of a config.
+    """Return the family of the config's method, with the options of the config.
 
     With a calibration nothing is left open in it.
     """
@@ -161,7 +164,7 @@ def choose_family(
 
 def match_to_dictionary(
     config: FitConfig, dictionary: Dictionary, names: Sequence[str]
-) -> Matched:
+) -> LandmarkMatch:
     """Match landmarks of the files to those of a dictionary that suits the method.
 
     A table of p-values that the method needs and the dictionary lacks is drawn. Raises
@@ -180,7 +183,7 @@ def match_to_dictionary(
 
 
 def place_of_names(config: FitConfig) -> str:
-    """Return the place of the landmark names as messages name it: the files."""
+    """Return the text by which error messages name where landmark names come from."""
     return ", ".join(map(str, config.landmarks)) + ": landmark names"
 
 
@@ -209,7 +212,7 @@ def reading_options(config: FitConfig) -> InputOptions:
     return replace(options, frames=parse_frame_range(config.frames), every=config.every)
 
 
-def save_for_output(config: FitConfig) -> FitConfig:
+def with_angle_covariance(config: FitConfig) -> FitConfig:
     """Return the config, with `save.covariance` where the output is of joint angles.
 
     The error bar of an angle depends on several joints.

@@ -13,10 +13,10 @@ from shapefit.records import Fit
 
 
 def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
-    """Return the fit with the certificate of its convex program, nan for failures.
+    """Add the certificate of the convex program to a fit, nan for images that failed.
 
     is_of_fit, whether the objective of the program is that of the fit, if this was not
-    refined before a camera.
+    refined in perspective.
     """
     certificate = lifting.estimate.convex_proof
     if certificate is None:
@@ -29,8 +29,8 @@ def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
         M = replace(M, count=count, atom=M.atom[retained], blocks=M.blocks[retained])
     fit = replace(
         fit,
-        dual=as_rows(blank(certificate.dual, failed)),
-        convex_translation=blank(certificate.translation, failed),
+        dual=as_rows(blank_failed(certificate.dual, failed)),
+        convex_translation=blank_failed(certificate.translation, failed),
         transform_count=M.count,
         transform_atom=M.atom,
         active_transforms=M.blocks,
@@ -39,13 +39,13 @@ def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
         return fit
     return replace(
         fit,
-        convex_objective=blank(certificate.objective, failed),
-        convex_relative_gap=blank(certificate.relative_gap, failed),
+        convex_objective=blank_failed(certificate.objective, failed),
+        convex_relative_gap=blank_failed(certificate.relative_gap, failed),
     )
 
 
-def blank(values: Floats | None, failed: Flags) -> Floats | None:
-    """Return values (n, ...) that are nan where an image has no shape: failed (n,)."""
+def blank_failed(values: Floats | None, failed: Flags) -> Floats | None:
+    """Return values (n, ...) of images, nan for those that `failed` (n,) flags."""
     if values is None or not failed.any():
         return values
     rows = failed.reshape(-1, *(1,) * (values.ndim - 1))

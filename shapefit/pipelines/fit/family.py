@@ -21,7 +21,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSource
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.joints import Detected
+from shapefit.pipelines.joints import DetectorShapes
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import thread_count
 
@@ -40,15 +40,15 @@ CameraKey = float | str | tuple[float, float]
 
 
 class Calibration(NamedTuple):
-    """What a sample settled: small enough for a manifest, and enough for every part.
+    """Values of a fit that were estimated from a sample, for all of its parts.
 
-    camera, keys of that section of the config; lines about what was settled, the
-    camera's first; warnings about all images. Of methods with a prior: skeleton,
-    factors of a detector's, None where it has none; prior_scale and
-    residual_variance; bar_scale, where a report of errors has changed it; growth (p,),
-    factors on covariances of landmarks, empty for none; shown (p,), which of them most
-    images show, empty if unknown; reason, why no image is to be trusted, "" for none;
-    numbers, stored with the result.
+    It is small enough for a manifest. camera, keys of that section of the config; lines
+    about what was settled, the camera's first; warnings about all images. Of methods
+    with a prior: skeleton, factors of a detector's, None where it has none; prior_scale
+    and residual_variance; bar_scale, where a report of errors has changed it; growth
+    (p,), factors on covariances of landmarks, empty for none; shown (p,), which of them
+    most images show, empty if unknown; reason, why no image is to be trusted, "" for
+    none; numbers, stored with the result.
     """
 
     camera: Mapping[str, CameraKey] = {}
@@ -63,12 +63,12 @@ class Calibration(NamedTuple):
     reason: str = ""
     numbers: Mapping[str, float] = {}
 
-    def settle(self, config: FitConfig) -> FitConfig:
-        """Return the config with what was settled, as it is stored with the result."""
-        return config.changed(**self.keys_of(config))
+    def apply_to(self, config: FitConfig) -> FitConfig:
+        """Return the config with calibrated values of the keys that it left open."""
+        return config.changed(**self.config_values(config))
 
-    def keys_of(self, config: FitConfig) -> dict[str, Any]:
-        """Return the values of the config's keys that were settled."""
+    def config_values(self, config: FitConfig) -> dict[str, Any]:
+        """Return key of the config -> calibrated value, for `FitConfig.changed`."""
         keys: dict[str, Any] = {"camera": dict(self.camera)}
         if not METHODS[config.method].needs_prior:
             return keys
@@ -82,15 +82,15 @@ class Calibration(NamedTuple):
         return {**keys, "prior": prior, "skeleton": skeleton}
 
 
-class Lifted(NamedTuple):
-    """A batch of n images with the shapes of the dictionary's landmarks.
+class LiftedImages(NamedTuple):
+    """A batch of n images, lifted to shapes of the dictionary's landmarks.
 
     detected, the landmarks of the files in 3D, where these are not those of the
     dictionary; omitted (n,), the item of the dictionary that the fit did without.
     """
 
     lifting: Lifting[Any]
-    detected: Detected | None = None
+    detected: DetectorShapes | None = None
     omitted: NDArray[np.str_] | None = None
 
 
@@ -106,7 +106,7 @@ class Family(Protocol):
 
     @property
     def dictionary(self) -> Dictionary:
-        """The dictionary of the landmarks that are lifted."""
+        """Return the dictionary whose landmarks are lifted."""
         ...
 
     def check(self, sample: Landmarks) -> None:
@@ -114,11 +114,11 @@ class Family(Protocol):
         ...
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the time that a total of images takes, predicted from some of them."""
+        """Predict seconds per image, and how many liftings `total` images take."""
         ...
 
     def calibrate(self, sample: Landmarks) -> Calibration:
-        """Settle what the options leave open, from some images of the files."""
+        """Estimate what the options leave open, from a sample of the images."""
         ...
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
@@ -128,12 +128,12 @@ class Family(Protocol):
         """
         ...
 
-    def lift(self, images: Landmarks) -> Lifted:
-        """Lift images that have the landmarks of the dictionary."""
+    def lift(self, images: Landmarks) -> LiftedImages:
+        """Lift images, which have the landmarks of the dictionary, to 3D shapes."""
         ...
 
-    def columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
-        """Return the fit with the columns that this family adds."""
+    def add_columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
+        """Return the fit with the columns that this family adds, from its lifting."""
         ...
 
 
@@ -150,7 +150,7 @@ class Pace:
 
     @classmethod
     def of(cls, max_images: int, threads: int) -> Pace:
-        """Return the pace of a fit on so many threads, 0 for one per core."""
+        """Return the first pace of a fit on `threads` threads, 0 for one per core."""
         all_threads = thread_count(threads)
         return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
 
@@ -163,18 +163,18 @@ class Pace:
 
 
 def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-    """Yield images of one file at a time, in whole blocks."""
-    for batch in source.batches(whole_blocks(pace.max_images), by_file=True):
+    """Yield batches of images, each of one file and whole blocks, sized by the pace."""
+    for batch in source.batches(round_to_blocks(pace.max_images), by_file=True):
         start = 0
         while start < len(batch):
-            stop = start + whole_blocks(pace.images)
+            stop = start + round_to_blocks(pace.images)
             yield batch.take(slice(start, stop))
             start = stop
         if not len(batch):
             yield batch
 
 
-def whole_blocks(images: int) -> int:
+def round_to_blocks(images: int) -> int:
     """Return a number of images rounded up to a multiple of IMAGES_PER_BLOCK.
 
     Within a block images start from their neighbours' solutions.

@@ -22,15 +22,15 @@ from shapefit.io.inputs import State
 from shapefit.io.layout import INPUT_ROWS
 from shapefit.io.options import OutputOptions, RecordWriter
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
-from shapefit.pipelines.fit.camera import read_calibrated_camera, undistorted
+from shapefit.pipelines.fit.camera import read_calibrated_camera, remove_distortion
 from shapefit.pipelines.fit.choices import (
+    are_in_sequences,
     choose_family,
     choose_method,
-    in_sequences,
     match_to_dictionary,
     place_of_names,
     reading_options,
-    save_for_output,
+    with_angle_covariance,
 )
 from shapefit.pipelines.fit.export import check_export, export_meshes
 from shapefit.pipelines.fit.family import Calibration, Family, Pace
@@ -42,7 +42,7 @@ from shapefit.pipelines.fit.summary import (
     describe_batch,
     summarise_fit,
 )
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import map_ahead
@@ -57,7 +57,7 @@ lifted; no result depends on it.
 
 
 class FitPart(NamedTuple):
-    """Some rows of a fit, and what is known of all of its parts.
+    """The rows of the input that a part of a fit lifts, and what all parts share.
 
     dictionary, as it was read; inputs, digests of the landmarks, and states of all
     files when they were found.
@@ -74,10 +74,10 @@ WHOLE_FIT = FitPart()
 
 
 class FitPlan(NamedTuple):
-    """A fit in which nothing is left open."""
+    """All that lifting a batch takes: a config without open keys, and what it names."""
 
     config: FitConfig
-    match: Matched
+    match: LandmarkMatch
     family: Family
     lens: CalibratedCamera | None
     calibration: Calibration
@@ -98,8 +98,8 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     """
     files = WatchedFiles.of(config, part.states, part.inputs)
     dictionary = part.dictionary or read_dictionary(config.dictionary)
-    config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
-    config = save_for_output(config)
+    config, chosen = choose_method(config, dictionary, lambda: are_in_sequences(config))
+    config = with_angle_covariance(config)
     with open_landmarks(config.landmarks, reading_options(config), part.rows) as source:
         match = match_to_dictionary(config, dictionary, source.head.landmark_names)
         calibration = part.calibration
@@ -111,7 +111,7 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
 
         tally = Tally()
         with open_writer(plan) as writer, closing(lift_all(source, plan)) as batches:
-            writer.seal = seal_of(part)
+            writer.seal = rows_attribute(part)
             for batch in batches:
                 files.take_digests()  # while the next batch is lifted
                 tally.add(batch.record)
@@ -124,9 +124,11 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     yield from export_meshes(plan.config)
 
 
-def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> FitPlan:
-    """Return a fit in which nothing is left open, with the config that says so."""
-    config = calibration.settle(config)
+def plan_fit(
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration
+) -> FitPlan:
+    """Return the plan by which batches are lifted, with a config of no open keys."""
+    config = calibration.apply_to(config)
     family = choose_family(config, match, calibration)
     return FitPlan(config, match, family, read_calibrated_camera(config), calibration)
 
@@ -134,14 +136,14 @@ def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> Fit
 def lift_all(
     source: LandmarkSource, plan: FitPlan
 ) -> Generator[LiftedBatch, None, None]:
-    """Yield the images of a source batch by batch, lifted.
+    """Lift all images of a source; yields them batch by batch.
 
     While one batch is lifted, the next is read and the last is stored.
     """
     pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
 
     def lift_timed(images: Landmarks) -> LiftedBatch:
-        """Lift a batch, and let the size of the next ones follow its time."""
+        """Lift a batch, and adapt the size of the next ones to its time."""
         began = time.monotonic()
         batch = lift_batch(images, plan)
         pace.follow(len(images), time.monotonic() - began)
@@ -153,9 +155,9 @@ def lift_all(
 
 
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
-    """Return one batch of the files, lifted, as it is stored and reported."""
+    """Lift a batch of images of the files; return its record and what is reported."""
     # each line is a stage with tests of its own
-    straight = undistorted(images, plan.lens)
+    straight = remove_distortion(images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
     lifted = plan.family.lift(named)
     record = to_record(named, lifted, plan)
@@ -173,8 +175,8 @@ def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
     return result_writer(output, options=options)
 
 
-def seal_of(part: FitPart) -> dict[str, str]:
-    """Return the attribute by which a file states its part, {} if it has all images.
+def rows_attribute(part: FitPart) -> dict[str, str]:
+    """Return the attribute that states which rows of the input a part has, {} for all.
 
     The digest of the file (its seal) covers this attribute.
     """

@@ -68,7 +68,7 @@ class ImagePosterior:
 
     @property
     def variance(self) -> float:
-        """The residual variance: as given, of the dictionary, or the default."""
+        """Return the residual variance as set, else of the dictionary, else default."""
         if self.residual_variance is not None:
             return self.residual_variance
         learned = self.dictionary.residual_variance
@@ -76,7 +76,7 @@ class ImagePosterior:
 
     @property
     def model(self) -> PosteriorModel:
-        """The prior over shapes and residuals, by which landmarks are weighed."""
+        """Return the prior over shapes and residuals by which images are lifted."""
         return make_model(
             self.dictionary,
             self.variance,
@@ -89,15 +89,15 @@ class ImagePosterior:
 
     @property
     def solve(self) -> Solve:
-        """The solver of the convex program, to the tolerance."""
+        """Return the solver of the convex program, to the tolerance."""
         return partial(solve_newton, tolerance=self.tolerance, threads=self.threads)
 
     def with_limbs(self) -> ImagePosterior:
-        """Return the same given usual lengths of limbs, where these are known."""
+        """Return a copy with the dictionary's usual lengths of limbs, if it has any."""
         return replace(self, limbs=find_limb_lengths(self.dictionary))
 
     def lift(self, images: Landmarks) -> PosteriorLifting:
-        """Lift images one by one, without the landmarks that depend on others."""
+        """Lift each image to its posterior, without landmarks that depend on others."""
         weights = self.weigh(images)
         depends = self.dictionary.depends_on >= 0
         weights = np.where(depends, 0.0, weights)
@@ -162,7 +162,7 @@ def find_at_border(
     dictionary: Dictionary,
     image_size: tuple[float, float] | None = None,
 ) -> Flags:
-    """Return which landmarks (n, p) lie at a side of the image with a bone's other end.
+    """Flag landmarks (n, p) that lie, with a bone's other end, at a side of the image.
 
     At a side is within 1% of the size, and bones are the edges of the dictionary: there
     a detector leaves what it does not see. image_size: width and height of all images,

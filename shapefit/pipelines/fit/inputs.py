@@ -31,23 +31,23 @@ class WatchedFiles:
         states: Mapping[Path, State] | None = None,
         of_landmarks: Mapping[str, str] | None = None,
     ) -> WatchedFiles:
-        """Return the files of a config, with what is known of them already."""
+        """Return the files of a config with their states, and digests if known."""
         further = tuple(files_of(config).values())
         if states is None:
             states = {path: find_state(path) for path in config.landmarks + further}
         return cls(config.landmarks, further, states, of_landmarks)
 
     def take_digests(self) -> None:
-        """Take the digests of the landmarks, once."""
+        """Compute the digests of the landmark files, unless they are known."""
         if self.of_landmarks is None:
             self.of_landmarks = digests(self.landmarks)
 
     def digests(self) -> dict[str, str]:
-        """Return the digests of all files by their names."""
+        """Return name -> digest of all files that are watched."""
         self.take_digests()
         assert self.of_landmarks is not None
         return {**self.of_landmarks, **digests(self.further)}
 
     def check_unchanged(self) -> None:
-        """Raise InputError where a file is not as it was found."""
+        """Raise InputError where a file has changed since its state was taken."""
         check_unchanged(self.states)

@@ -45,9 +45,9 @@ def lift_inliers(
     threshold: float | None,
     threads: int = 0,
 ) -> Lifting[E]:
-    """Lift images by weights (n, p) that are 0 for their outliers, which are marked.
+    """Search outliers of images, then lift these with outliers hidden and marked.
 
-    lift_weighted lifts them by weights. Without a threshold no outlier is searched.
+    lift_weighted lifts them by weights (n, p). Without a threshold none is searched.
     """
     if threshold is None:
         return lift_weighted(weights)

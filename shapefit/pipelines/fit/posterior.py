@@ -25,7 +25,7 @@ from shapefit.pipelines.fit.evidence import FACTORS
 from shapefit.pipelines.fit.family import (
     Calibration,
     Cost,
-    Lifted,
+    LiftedImages,
     Pace,
     read_blocks,
 )
@@ -35,9 +35,9 @@ from shapefit.pipelines.fit.sample import (
     MAX_HIDDEN_IN_TURN,
     MAX_SAMPLE,
     MIN_SAMPLE,
-    settle_by_sample,
+    calibrate_by_sample,
 )
-from shapefit.pipelines.joints import MEANS, Matched
+from shapefit.pipelines.joints import MEANS, LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import thread_count
 
@@ -48,9 +48,9 @@ a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks, 1 to 32 component
 
 
 def make_posterior_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> PosteriorFamily:
-    """Return the family with the options of a config and what a sample settled."""
+    """Return the posterior family with a config's options and calibrated values."""
     posterior = make_image_posterior(config, match, calibration)
     reason = "" if calibration is None else calibration.reason
     return PosteriorFamily(
@@ -66,9 +66,9 @@ def make_posterior_family(
 
 
 def make_image_posterior(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> ImagePosterior:
-    """Return the ImagePosterior of a config, with what a calibration has settled.
+    """Return the ImagePosterior with a config's options and calibrated values.
 
     Before a calibration its landmarks are those of the dictionary.
     """
@@ -102,7 +102,7 @@ def make_image_posterior(
     shown = np.array(calibration.shown, dtype=bool) if calibration.shown else None
     posterior = replace(
         posterior,
-        dictionary=match.observed(theta),
+        dictionary=match.detector_dictionary(theta),
         growth=calibration.growth,
         covariance=True,  # for the expected error, and the error bars of joints
         shown=shown,
@@ -119,7 +119,7 @@ class PosteriorFamily:
     trusted, "" for none; proof and save_covariance, what is stored.
     """
 
-    match: Matched
+    match: LandmarkMatch
     skeleton: Mapping[str, float] | None
     posterior: ImagePosterior
     method: str
@@ -130,14 +130,14 @@ class PosteriorFamily:
 
     @property
     def dictionary(self) -> Dictionary:
-        """The dictionary of the landmarks that are lifted."""
+        """Return the dictionary whose landmarks are lifted."""
         return self.match.dictionary
 
     def check(self, sample: Landmarks) -> None:
         """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the seconds per image, by sizes, and how many images are lifted.
+        """Predict the seconds per image by its sizes, and how many images are lifted.
 
         A sample is lifted as often as there are pairs of factors, and with landmarks
         hidden in turn.
@@ -156,8 +156,8 @@ class PosteriorFamily:
         return Cost(per_image, liftings)
 
     def calibrate(self, sample: Landmarks) -> Calibration:
-        """Settle skeleton, scales of the prior and error bars by evidence."""
-        return settle_by_sample(
+        """Estimate a detector's skeleton, and scales of prior and error bars."""
+        return calibrate_by_sample(
             sample,
             self.match,
             self.posterior,
@@ -167,18 +167,18 @@ class PosteriorFamily:
         )
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield blocks of images, which are lifted one by one."""
+        """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> Lifted:
-        """Lift the landmarks of the files, and say where the joints are."""
+    def lift(self, images: Landmarks) -> LiftedImages:
+        """Lift landmarks of the files, and convert them to the dictionary's joints."""
         lifting = self.posterior.lift_with_p_values(images)
-        return self.at_joints(lifting, images)
+        return self.convert_to_joints(lifting, images)
 
-    def at_joints(
+    def convert_to_joints(
         self, lifting: Lifting[PosteriorEstimate], images: Landmarks
-    ) -> Lifted:
-        """Return a lifting of detected landmarks as one of the dictionary's joints."""
+    ) -> LiftedImages:
+        """Convert a lifting of detected landmarks to one of the dictionary's joints."""
         lifting = fail_nonfinite(lifting)
         if self.dictionary.depth_ambiguity:
             estimate = trust.cover_mirror_image(lifting.estimate)
@@ -188,10 +188,10 @@ class PosteriorFamily:
         joints, detected = self.match.to_joints(
             lifting, theta, images.as_columns(), visible, self.posterior.variance
         )
-        return Lifted(joints, detected)
+        return LiftedImages(joints, detected)
 
-    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Return the fit with error bars in its unit, and which images to trust."""
+    def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Return the fit with error bars in its unit, and a verdict on each image."""
         estimate = lifting.estimate
         scaled = estimate.scale_error_bars(lifting.scale[:, None, None])
         fit = replace(
@@ -242,7 +242,7 @@ class PosteriorFamily:
 
 
 def interleave_xyz(covariance: Floats | None) -> Floats | None:
-    """Return a covariance (n, 3p, 3p) with x, y, z of one landmark after the other."""
+    """Reorder a covariance (n, 3p, 3p): x, y, z of a landmark next to each other."""
     if covariance is None:
         return None
     n, d, _ = covariance.shape

@@ -20,9 +20,9 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io.layout import FOCAL_ASSUMED, METRES_FROM, free_names
 from shapefit.lifting.estimate import AtomEstimate, Estimate
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.fit.columns import as_rows, blank
-from shapefit.pipelines.fit.family import Calibration, Lifted
-from shapefit.pipelines.joints import Detected
+from shapefit.pipelines.fit.columns import as_rows, blank_failed
+from shapefit.pipelines.fit.family import Calibration, LiftedImages
+from shapefit.pipelines.joints import DetectorShapes
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import Array, columns_of
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from shapefit.pipelines.fit.fit import FitPlan
 
 
-def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
-    """Return a lifted batch as it is stored, with the extras of its landmarks."""
+def to_record(images: Landmarks, lifted: LiftedImages, plan: FitPlan) -> Fit:
+    """Return the record of a lifted batch, with the extras of its images."""
     lifting = lifted.lifting
     estimate = lifting.estimate
     dictionary = plan.match.dictionary
@@ -52,10 +52,10 @@ def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
         landmarks=np.where(visible, images.landmarks, np.nan),
         confidence=images.confidence,
         lam=lifting.problem.lam,
-        rotation=blank(estimate.rotation, failed),
+        rotation=blank_failed(estimate.rotation, failed),
         translation=lifting.translation,
         scale=lifting.scale,
-        objective=blank(estimate.objective, failed),
+        objective=blank_failed(estimate.objective, failed),
         residual=estimate.residual,
         iterations=estimate.iterations,
         status=estimate.status_words(),
@@ -67,11 +67,11 @@ def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
         extras=extras,
         file_extras=file_extras,
     )
-    if lifting.perspective is not None or plan.match.moves:
+    if lifting.perspective is not None or plan.match.has_displaced:
         fit = replace(fit, landmarks_fitted=as_rows(lifting.landmarks_fitted))
     fit = with_camera(fit, lifting, dictionary)
     fit = with_detected(fit, lifted.detected)
-    return plan.family.columns(fit, lifting)
+    return plan.family.add_columns(fit, lifting)
 
 
 Carried = dict[str, Array]
@@ -79,7 +79,7 @@ Carried = dict[str, Array]
 
 
 def extras_of_fit(images: Landmarks) -> tuple[Carried, Carried]:
-    """Return the extras of landmarks that a fit keeps, of each image and of the file.
+    """Return the extras of landmarks that a fit keeps: per image, and of the file.
 
     One whose name a dataset of a result has gets another name.
     """
@@ -96,7 +96,7 @@ def stated_height(config: FitConfig, images: int) -> Floats | None:
 
 
 def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) -> Fit:
-    """Return the fit with its camera and positions, where it is a perspective one.
+    """Add camera and positions to a fit in perspective; return others unchanged.
 
     Positions are in the unit of the dictionary, None where it has no sizes.
     """
@@ -112,8 +112,8 @@ def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) ->
     )
 
 
-def with_detected(fit: Fit, detected: Detected | None) -> Fit:
-    """Return the fit with a detector's landmarks in 3D, if these are not the joints."""
+def with_detected(fit: Fit, detected: DetectorShapes | None) -> Fit:
+    """Add a detector's landmarks in 3D to a fit, if they are not the joints."""
     if detected is None:
         return fit
     return replace(
@@ -128,7 +128,10 @@ def with_detected(fit: Fit, detected: Detected | None) -> Fit:
 def find_position(
     lifting: Lifting[Estimate], dictionary: Dictionary
 ) -> NDArray[np.float64] | None:
-    """Return where objects stand before the camera (n, 3), None without sizes."""
+    """Return positions (n, 3) of objects in the frame of the camera, None if unknown.
+
+    They are in the dictionary's unit.
+    """
     view = lifting.perspective
     estimate = lifting.estimate
     if view is None or dictionary.atom_scale is None:
@@ -142,7 +145,7 @@ def find_position(
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str]:
-    """Return the attribute that says by what shapes have metres, {} where they lack it.
+    """Return the attribute that names the source of metres, {} without a known size.
 
     That is "edges" for lengths of bones, or "spread" for the size of the whole shape.
     """
@@ -154,7 +157,7 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str]:
 def provenance(
     plan: FitPlan, inputs: Mapping[str, str]
 ) -> dict[str, str | float | int]:
-    """Return the attributes of a result: method, version, config and what was settled.
+    """Return the attributes of a result: method, version, config and calibration.
 
     `inputs` are the digests of the files of the fit.
     """

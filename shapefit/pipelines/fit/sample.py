@@ -28,7 +28,7 @@ from shapefit.pipelines.fit.evidence import (
 )
 from shapefit.pipelines.fit.family import Calibration
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
-from shapefit.pipelines.joints import MEANS, Matched, match_names
+from shapefit.pipelines.joints import MEANS, LandmarkMatch, match_names
 from shapefit.records import Landmarks
 from shapefit.timeline import ASSUMED_RATE
 
@@ -102,17 +102,18 @@ class Verdict(NamedTuple):
     warning: str = ""
 
 
-def settle_by_sample(
+def calibrate_by_sample(
     images: Landmarks,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     method: str,
     prior: PriorConfig,
     skeleton: Mapping[str, float] | None,
 ) -> Calibration:
-    """Settle what the keys of `prior` and `skeleton` leave open, and judge the file.
+    """Estimate skeleton, scales and error bars by a sample, and if to trust the file.
 
-    images as in the files; posterior, of the landmarks of the dictionary.
+    What the keys of `prior` and `skeleton` state stays. images as in the files;
+    posterior, of the landmarks of the dictionary.
     """
     report = read_report(prior, method)
     posterior = replace(posterior, bar_scale=report.bar_scale)
@@ -120,8 +121,8 @@ def settle_by_sample(
     sample = match.arrange(in_file, "landmarks")
 
     theta, skeleton_line = choose_skeleton(skeleton, match, sample, posterior)
-    observed = match.observed({**MEANS, **(theta or {})})
-    shown = find_shown(sample, posterior)
+    observed = match.detector_dictionary({**MEANS, **(theta or {})})
+    shown = find_shown_landmarks(sample, posterior)
     posterior = replace(posterior, dictionary=observed, shown=shown)
     if len(sample) < MIN_SAMPLE:
         sample = sample.take(slice(0))
@@ -213,20 +214,21 @@ def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
 
 
 def choose_skeleton(
-    given: Mapping[str, float] | None,
-    match: Matched,
+    skeleton: Mapping[str, float] | None,
+    match: LandmarkMatch,
     sample: Landmarks,
     posterior: ImagePosterior,
 ) -> tuple[dict[str, float] | None, str]:
     """Return the body proportions of a detector, by name, and a line about them.
 
-    Each is as given, else of the greatest evidence, else usual, where the sample is
-    empty. The line is "" where none is estimated. Where no landmark of the detector
-    stands for a joint of the dictionary, they are those given, or None.
+    Each is as `skeleton` states it, else of the greatest evidence, else usual, where
+    the sample is empty. The line is "" where none is estimated. Where no landmark of
+    the detector stands for a joint of the dictionary, they are those of `skeleton`, or
+    None.
     """
     if not match.joints.markers:
-        return None if given is None else dict(given), ""
-    stated = dict(given or {})
+        return None if skeleton is None else dict(skeleton), ""
+    stated = dict(skeleton or {})
     start = {**MEANS, **stated}
     names = [name for name in match.joints.parameters if name not in stated]
     if not names or not len(sample):
@@ -235,7 +237,7 @@ def choose_skeleton(
 
     def evidence(theta: Mapping[str, float]) -> float:
         """Return the log evidence of some images at body proportions theta."""
-        observed = replace(posterior, dictionary=match.observed(theta))
+        observed = replace(posterior, dictionary=match.detector_dictionary(theta))
         return float(np.nansum(observed.log_evidence(few)))
 
     theta = maximise_theta(evidence, names, start)
@@ -243,7 +245,7 @@ def choose_skeleton(
     return theta, f"skeleton of the detector: {factors}"
 
 
-def find_shown(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
+def find_shown_landmarks(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
     """Return which landmarks (p,) most images of a sample show, None where none is.
 
     What few images show is guessed in the others, and what depends on other landmarks
@@ -322,7 +324,7 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
 ) -> BarGrowth:
-    """Return factors on error bars by which landmarks hidden in turn lie in them.
+    """Estimate factors on error bars from the errors of landmarks hidden in turn.
 
     It is empty for too few images. bar_scale, of all covariances without the factors of
     a report, which come on top.
@@ -353,7 +355,7 @@ def calibrate_bars(
 def judge_names(
     in_file: Landmarks,
     lifting: PosteriorLifting,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> Verdict:
@@ -369,7 +371,7 @@ def judge_names(
         return Verdict()
     shares = {}
     for name in installed_skeletons():
-        doubtful = doubtful_as(name, in_file, match, posterior, theta)
+        doubtful = doubtful_share(name, in_file, match, posterior, theta)
         if doubtful is not None:
             shares[name] = doubtful
     best = min(shares, key=lambda name: shares[name], default="")
@@ -383,10 +385,10 @@ def judge_names(
     return Verdict(trust.NOT_OF_THE_CLASS, warning)
 
 
-def doubtful_as(
+def doubtful_share(
     name: str,
     in_file: Landmarks,
-    match: Matched,
+    match: LandmarkMatch,
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
 ) -> float | None:
@@ -405,7 +407,7 @@ def doubtful_as(
     images = other.arrange(replace(in_file, landmark_names=names), name)
     if images.visible().any(axis=0).sum() < MIN_NAMED_LANDMARKS:
         return None
-    observed = other.observed({**MEANS, **(theta or {})})
+    observed = other.detector_dictionary({**MEANS, **(theta or {})})
     lifting = lift_sample(images, replace(posterior, dictionary=observed))
     return judge_shares(lifting).doubtful
 
@@ -462,7 +464,7 @@ def judge_shares(
     growth: Sequence[float] = (),
     shown: Flags | None = None,
 ) -> Shares:
-    """Return which shares of a sample are trusted and doubtful.
+    """Return the shares of a sample's images that are trusted, and doubtful.
 
     Covariances grow by factors (p,); shown (p,) are the landmarks whose errors count.
     """

@@ -30,10 +30,10 @@ from shapefit.lifting.sequences.clips import (
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, Pace
+from shapefit.pipelines.fit.family import Calibration, Cost, LiftedImages, Pace
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.records import Fit, Landmarks
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
@@ -54,9 +54,9 @@ units.
 
 
 def make_sequence_family(
-    config: FitConfig, match: Matched, calibration: Calibration | None
+    config: FitConfig, match: LandmarkMatch, calibration: Calibration | None
 ) -> SequenceFamily:
-    """Return the family with the options of a config and what a sample settled."""
+    """Return the sequence family with a config's options and calibrated values."""
     of_images = make_posterior_family(config, match, calibration)
     return SequenceFamily(
         of_images=of_images, noise=config.noise, frame_rate=config.frame_rate
@@ -78,26 +78,26 @@ class SequenceFamily:
 
     @property
     def dictionary(self) -> Dictionary:
-        """The dictionary of the landmarks that are lifted."""
+        """Return the dictionary whose landmarks are lifted."""
         return self.of_images.dictionary
 
     def check(self, sample: Landmarks) -> None:
         """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the cost of single images, as smoothing costs less."""
+        """Predict the cost of single images, as smoothing costs less."""
         return self.of_images.predict_cost(sample, total)
 
     def calibrate(self, sample: Landmarks) -> Calibration:
-        """Settle from single images what the options leave open."""
+        """Estimate what the options leave open from the single images of a sample."""
         return self.of_images.calibrate(sample)
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
         """Yield batches as large as the pace allows, in which sequences are whole."""
         return whole_sequences(source.batches(pace.max_images))
 
-    def lift(self, images: Landmarks) -> Lifted:
-        """Lift images with their sides restored, and refine whole sequences of them."""
+    def lift(self, images: Landmarks) -> LiftedImages:
+        """Lift images, left and right put back, and refine whole sequences of them."""
         posterior = replace(self.of_images.posterior, modes=CONSTANTS.modes)
         visible = posterior.weigh(images) > 0
         rate = self.frame_rate or images.frame_rate
@@ -106,13 +106,13 @@ class SequenceFamily:
         lifting = self.refine(lifting, images)
         estimate = replace(lifting.estimate, sides_exchanged=sides)
         lifting = replace(lifting, estimate=estimate)
-        return self.of_images.at_joints(lifting, images)
+        return self.of_images.convert_to_joints(lifting, images)
 
-    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Return the fit with the columns of single images, and those of sequences."""
+    def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Return the fit with error bars, verdicts, and what only sequences tell."""
         estimate = lifting.estimate
         return replace(
-            self.of_images.columns(fit, lifting),
+            self.of_images.add_columns(fit, lifting),
             sequence_noise=estimate.sequence_noise,
             image_error=estimate.image_error,
             sides_exchanged=estimate.sides_exchanged,
@@ -121,7 +121,7 @@ class SequenceFamily:
     def refine(
         self, lifting: Lifting[PosteriorEstimate], images: Landmarks
     ) -> Lifting[PosteriorEstimate]:
-        """Infer whole sequences from the liftings of their images.
+        """Refine liftings of single images by the motion of whole sequences.
 
         People whose hips the files do not show keep the shapes of their single images.
         """
@@ -154,7 +154,7 @@ class SequenceFamily:
 def restore_sides(
     images: Landmarks, visible: Flags, dictionary: Dictionary, rate: float | None
 ) -> tuple[Landmarks, Floats]:
-    """Undo exchanges of left and right for some frames, by continuity in the image.
+    """Undo exchanges of left and right landmarks in some frames, by continuity.
 
     visible (n, p), which landmarks count; rate, frames a second, if it is known.
     Returns with the images 1 (n,) where they are put back, else 0, and nan where sides
@@ -178,7 +178,7 @@ def restore_sides(
 
 
 def exchange_sides(images: Landmarks, partner: Integers, rows: Flags) -> Landmarks:
-    """Exchange left and right of some images (n,), landmarks and confidences."""
+    """Exchange left and right landmarks of the images that `rows` (n,) flags."""
     if not rows.any():
         return images
     w = images.landmarks
@@ -204,13 +204,13 @@ def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
 
 
 def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
-    """Whether files show much less than the landmarks that depend on no other."""
+    """Whether files show too few of the independent landmarks for a whole body."""
     independent = dictionary.depends_on < 0
     return shown is not None and shown.sum() < MIN_WHOLE_SHARE * independent.sum()
 
 
 def place_frames(images: Landmarks, rate: float) -> Floats:
-    """Return the places (n,) of images in their sequences, in frames."""
+    """Return the position (n,) of each image in its sequence, counted in frames."""
     places = np.empty(len(images))
     for clip in split_into_clips(images.sequences or ()):
         frames = None if images.frames is None else images.frames[clip]
@@ -220,7 +220,7 @@ def place_frames(images: Landmarks, rate: float) -> Floats:
 
 
 def motion_between_frames(dictionary: Dictionary, rate: float | None) -> BodyMotion:
-    """Return the motion between images at a frame rate, by default that of training.
+    """Return the BodyMotion between frames at a rate in Hz, else at that of training.
 
     Second differences grow with the 3/2th power of the time, where a velocity wanders.
     """
@@ -240,7 +240,7 @@ def motion_between_frames(dictionary: Dictionary, rate: float | None) -> BodyMot
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
-    """Return mean and precision of the bone lengths of training bodies, if known.
+    """Return the mean and precision of bone lengths over training bodies, or None.
 
     Of any size, and of people only limbs: detectors put hips, shoulders and heads
     elsewhere than training shapes have them.

@@ -26,7 +26,7 @@ from shapefit.pipelines.result import (
     Failure,
     Numbers,
     Result,
-    nothing_in,
+    warn_of_empty,
 )
 from shapefit.records import Fit, Landmarks
 
@@ -116,7 +116,7 @@ class Tally:
     judged images have a verdict; errors are those expected of trusted ones, in metres;
     outliers and visible (p,) count images by landmark, None without a prior. bodies
     have both ends. solved images have a gap; largest_gap is that of them all, and
-    largest_convex_gap that of convex programs that were refined before a camera.
+    largest_convex_gap that of convex programs that were refined in perspective.
     """
 
     images: int = 0
@@ -134,7 +134,7 @@ class Tally:
     largest_convex_gap: float | None = None
 
     def add(self, record: Fit) -> None:
-        """Count a batch."""
+        """Add the images, sequences, verdicts, gaps and bodies of a batch."""
         self.images += len(record)
         self.sequences.update(record.sequences or ())
         self.add_verdicts(record)
@@ -142,7 +142,7 @@ class Tally:
         self.add_bodies(record)
 
     def add_verdicts(self, record: Fit) -> None:
-        """Count trusted images, their expected errors, and outliers by landmark."""
+        """Add trusted images, their expected errors, and outliers by landmark."""
         if record.trusted is None or record.expected_error is None:
             return
         self.judged += len(record)
@@ -159,9 +159,9 @@ class Tally:
         self.visible = visible if self.visible is None else self.visible + visible
 
     def add_gaps(self, record: Fit) -> None:
-        """Count solved and optimal images, and keep the largest gap.
+        """Add solved and optimal images, and keep the largest gap.
 
-        A fit that was refined before a camera has no gap but that of the convex program
+        A fit that was refined in perspective has no gap but that of the convex program
         from which it started.
         """
         if record.relative_gap is None:
@@ -194,7 +194,7 @@ class Tally:
 
 
 def find_metres(record: Fit) -> Floats | None:
-    """Return the metres of a unit in each image (n,), by the height that is stated."""
+    """Return the metres per unit of each image (n,), by its stated height if any."""
     if record.stated_height is None:
         return record.metres_per_unit
     from shapefit.io.writers.metres import with_stated_height
@@ -211,7 +211,7 @@ def largest_of(before: float | None, gaps: Floats | None) -> float | None:
 
 
 def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
-    """Return the middle (n, 3) of some landmarks of shapes (n, p, 3)."""
+    """Return the mean (n, 3) of some landmarks of shapes (n, p, 3)."""
     middle: Floats = shapes[:, landmarks].mean(axis=1)
     return middle
 
@@ -219,7 +219,7 @@ def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
 def summarise_fit(
     read: InputsRead, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Result:
-    """Return the end of a fit: warnings about all images, a note, rows of the summary.
+    """Return the last Result of a fit: warnings about all images, and the summary.
 
     chosen says what chose the method, "" where the config did.
     """
@@ -227,8 +227,8 @@ def summarise_fit(
     calibration = plan.calibration
     warnings = [
         *calibration.warnings,
-        *nothing_in(read.images, "images"),
-        *say_left_out(read.left_out, plan.config),
+        *warn_of_empty(read.images, "images"),
+        *note_left_out(read.left_out, plan.config),
         *read.notes,
         *plan.match.warnings(),
         *warn_of_dictionary(plan.config, plan.match.dictionary),
@@ -245,7 +245,7 @@ def summarise_fit(
     )
 
 
-def say_left_out(left_out: int, config: FitConfig) -> Iterator[Counted]:
+def note_left_out(left_out: int, config: FitConfig) -> Iterator[Counted]:
     """Yield a note of how many images the config leaves out, if any."""
     if not left_out:
         return
@@ -316,7 +316,7 @@ def summary_rows(
 
 
 def describe_inputs(read: InputsRead, plan: FitPlan, tally: Tally) -> str:
-    """Return which files were read, how many images, and what was matched."""
+    """Return a text: which files were read, how many images, what was matched."""
     names = [path.name or str(path) for path in plan.config.landmarks]
     text = f"{abbreviate(names, 1)}: {counted(tally.images, 'image')}"
     if tally.sequences:
@@ -329,7 +329,7 @@ def describe_inputs(read: InputsRead, plan: FitPlan, tally: Tally) -> str:
 
 
 def describe_result(plan: FitPlan, tally: Tally) -> str:
-    """Return how many images are trusted, or how far they may be from the optimum."""
+    """Return a text: how many images are trusted, or how far from the optimum."""
     images = counted(tally.images, "image")
     if tally.judged:
         text = f"{tally.trusted} of {images} trusted"
@@ -350,10 +350,10 @@ def describe_gap(plan: FitPlan, tally: Tally) -> str:
         return f", convex programs within {tally.largest_convex_gap:.1e}"
     is_bound = METHODS[plan.config.method].proves == "bound"
     missed = None if is_bound else tally.solved - tally.optimal
-    return say_gap(tally.largest_gap, missed)
+    return format_gap(tally.largest_gap, missed)
 
 
-def say_gap(largest_gap: float | None, missed: int | None) -> str:
+def format_gap(largest_gap: float | None, missed: int | None) -> str:
     """Return the end of a line that states the largest gap, "" without one.
 
     missed, how many images are not optimal, None where the gap is one to a bound.
@@ -376,7 +376,7 @@ def describe_seen_landmarks(plan: FitPlan) -> str:
 
 
 def result_numbers(plan: FitPlan, tally: Tally) -> Numbers:
-    """Return what the line of the result says, as numbers."""
+    """Return the numbers of a fit for programs: images, trust, gaps and camera."""
     error = float(median(np.array(tally.errors))) if tally.errors else None
     certifies = METHODS[plan.config.method].proves in ("optimum", "global")
     has_gaps = certifies and tally.largest_gap is not None
@@ -392,7 +392,7 @@ def result_numbers(plan: FitPlan, tally: Tally) -> Numbers:
 
 
 def camera_numbers(camera: CameraConfig) -> CameraNumbers:
-    """Return the camera of a config in which it is settled."""
+    """Return the camera's numbers of a config that leaves none of them open."""
     focal = camera.focal
     return CameraNumbers(
         perspective=focal != "none",

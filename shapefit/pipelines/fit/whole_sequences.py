@@ -10,7 +10,7 @@ from shapefit.records import Landmarks, concatenate
 
 
 def whole_sequences(batches: Iterable[Landmarks]) -> Iterator[Landmarks]:
-    """Yield images whose sequences are whole, in their order; a long one in pieces.
+    """Regroup batches of images into whole sequences, a long one into clips.
 
     Raises InputError for images without sequences, for those of a sequence that are
     apart, and for two of one frame.
@@ -28,8 +28,7 @@ def whole_sequences(batches: Iterable[Landmarks]) -> Iterator[Landmarks]:
 
 
 def find_last_sequence(images: Landmarks, first: int, begun: set[str]) -> int:
-    """Return the row at which the last sequence begins that begins from a row on, 0
-    where none does.
+    """Return the row where the last sequence begins, at or after `first`, else 0.
 
     Images before that row have been checked; names of sequences that begin are added to
     those that have begun. Raises InputError as `whole_sequences`.

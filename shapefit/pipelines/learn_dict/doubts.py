@@ -36,7 +36,7 @@ OTHER_SIDE_SHARE = 0.3
 
 
 def check_not_flat(shapes: Shapes, place: str) -> None:
-    """Raise InputError where z is the same everywhere: 2D landmarks, not shapes."""
+    """Raise InputError at `place` where z is constant: 2D landmarks, not shapes."""
     z = shapes.shapes[..., 2]
     if not z.size or np.ptp(z) > 0:
         return
@@ -46,7 +46,7 @@ def check_not_flat(shapes: Shapes, place: str) -> None:
 
 
 def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
-    """Return warnings of shapes that most mirror, and of landmarks that coincide."""
+    """Return warnings about mirrored shapes, and landmarks that always coincide."""
     warnings = []
     points = shapes.as_columns()
     mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items
@@ -66,7 +66,7 @@ def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
 
 
 def find_mirrored(shapes: Floats) -> Flags:
-    """Return which shapes (n, 3, p) are mirror images of what most are.
+    """Return which shapes (n, 3, p) are mirror images of the majority of them.
 
     Of a pair the distance after the best rotation is known from the singular values s
     of X Y^T: |X|^2 + |Y|^2 - 2 (s1 + s2 + sign s3), with the other sign for the mirror
@@ -77,7 +77,7 @@ def find_mirrored(shapes: Floats) -> Flags:
         return none
     points = normalise(shapes).points
     few = points[evenly(len(points), MAX_COMPARED_SHAPES)]
-    pairs = _same_side(few, few)
+    pairs = _compare_sides(few, few)
     # the side of each that agrees with most pairs
     sides = np.sign(np.linalg.eigh(pairs)[1][:, -1])
     sides *= np.sign(sides.sum()) or 1.0  # + is what most are
@@ -85,14 +85,14 @@ def find_mirrored(shapes: Floats) -> Flags:
     agreed = sides @ pairs @ sides / pairs.size
     if decided < MIN_DECIDED_SHARE or agreed < MIN_AGREED_SHARE * decided:
         return none
-    votes = _same_side(points, few) @ sides / len(few)
+    votes = _compare_sides(points, few) @ sides / len(few)
     is_mirrored: Flags = np.asarray(votes < -OTHER_SIDE_SHARE)
     if is_mirrored.sum() <= len(shapes) / 2:
         return is_mirrored
     return np.asarray(votes > OTHER_SIDE_SHARE)
 
 
-def _same_side(one: Floats, other: Floats) -> Floats:
+def _compare_sides(one: Floats, other: Floats) -> Floats:
     """Return 1 for pairs (n, m) of shapes of one side, -1 for mirror images, else 0."""
     cross = np.einsum("nip,mjp->nmij", one, other)
     s = np.linalg.svd(cross, compute_uv=False)

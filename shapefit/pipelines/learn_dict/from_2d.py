@@ -108,7 +108,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     the verdict where depth cannot be learned from the images.
     """
     place = place_of(config)
-    landmarks = usable_images(source, place)
+    landmarks = select_usable_images(source, place)
     images = normalised_images(landmarks)
     for state in learn_class(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
@@ -152,7 +152,7 @@ def describe_prediction(error: float) -> str:
     return f"hidden landmarks predicted to {error:.3f} of the size of a shape"
 
 
-def usable_images(source: LandmarkSource, place: str) -> Landmarks:
+def select_usable_images(source: LandmarkSource, place: str) -> Landmarks:
     """Return the images that show enough landmarks, not all at one point.
 
     Raises InputError for too few of them, and for landmarks that none of them shows;
@@ -264,7 +264,7 @@ def learn_mixtures(
 
 
 def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shapes:
-    """Return the shapes that a dictionary lifts from images, in place of `shapes`.
+    """Lift images with a dictionary, and return the new shapes in place of `shapes`.
 
     A shape whose size changes by more than MAX_GROWTH stays as it was.
     """
@@ -348,7 +348,7 @@ def evidence_of_mirror(
     w[..., 0] = 2 * middle - w[..., 0]
 
     def evidence(images: Landmarks) -> Floats:
-        """Return the log evidence (n,) of images before their cameras."""
+        """Return the log evidence (n,) of images in perspective."""
         lifting = lift_images(images, dictionary, perspective=True)
         return lifting.estimate.log_evidence
 
@@ -374,7 +374,7 @@ def error_of_hidden(images: Landmarks, dictionary: Dictionary) -> float:
 def lift_images(
     images: Landmarks, dictionary: Dictionary, *, perspective: bool = False
 ) -> PosteriorLifting:
-    """Lift images one by one with what was learned so far.
+    """Lift images one by one with a dictionary and its prior.
 
     By weak perspective, or as the cameras of the file see them.
     """

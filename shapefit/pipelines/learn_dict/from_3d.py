@@ -91,23 +91,23 @@ class TrainingShapes(NamedTuple):
 
 
 def learn_from_shapes(
-    given: Shapes, config: LearnDictConfig, inputs: Mapping[str, str]
+    shapes: Shapes, config: LearnDictConfig, inputs: Mapping[str, str]
 ) -> Learning:
     """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
 
     The first result lists the shapes that cannot be used. Raises InputError where the
     shapes do not serve what the config asks for.
     """
-    check_not_flat(given, place_of(config) or "shapes")
-    training = find_training_shapes(given, config)
+    check_not_flat(shapes, place_of(config) or "shapes")
+    training = prepare_training_shapes(shapes, config)
     number = counted(len(training.original), "shape")
-    doubts = warn_of_shapes(split_usable(given)[0])
+    doubts = warn_of_shapes(split_usable(shapes)[0])
     yield Result(failures=training.failures, warnings=doubts, note=number)
     if config.method == "sparse-coding":
-        made = yield from sparse_coding(training, config)
+        made = yield from learn_by_sparse_coding(training, config)
     else:
         is_pca = config.method == "pca-bases"
-        made = pca_bases(training) if is_pca else exemplars(training)
+        made = pca_dictionary(training) if is_pca else exemplar_dictionary(training)
         yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {number}"),))
     prior = None
     if config.prior.components:
@@ -121,22 +121,24 @@ def learn_from_shapes(
     return replace(made, prior=prior, provenance=provenance)
 
 
-def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShapes:
+def prepare_training_shapes(
+    all_shapes: Shapes, config: LearnDictConfig
+) -> TrainingShapes:
     """Take every n-th shape of each sequence, mirror them too, normalise, and align.
 
-    The motion and the rigidity of edges are those of all the shapes given. Raises
+    The motion and the rigidity of edges are those of `all_shapes`. Raises
     InputError for wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
     """
-    usable, failures = split_usable(given)
+    usable, failures = split_usable(all_shapes)
     sequences = usable.sequences or ("",) * len(usable)
     shapes = usable.take(every_nth(sequences, config.every))
     partners = find_partners(shapes, config) if config.mirror else None
     if partners is not None and len(shapes):
         shapes = add_mirror_images(shapes, partners)
-    check_number(shapes, failures, config)
+    check_enough_shapes(shapes, failures, config)
     normalised = normalise(shapes.as_columns())
     if config.align == "none":
-        alignment = unaligned(normalised.points)
+        alignment = identity_alignment(normalised.points)
     else:
         alignment = generalised_procrustes(normalised.points)
     mesh = None
@@ -159,7 +161,7 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
         scale=normalised.scale,
         origin=origin,
         mesh_vertices=mesh,
-        dictionary=with_motion(dictionary, usable, shapes),
+        dictionary=with_motion_and_lengths(dictionary, usable, shapes),
         failures=failures,
     )
 
@@ -173,7 +175,7 @@ def add_mirror_images(shapes: Shapes, partners: Integers) -> Shapes:
     return replace(twice, shapes=both, mesh_vertices=None, mesh_faces=None)
 
 
-def check_number(
+def check_enough_shapes(
     shapes: Shapes, failures: tuple[Failure, ...], config: LearnDictConfig
 ) -> None:
     """Raise InputError where there are no shapes, or fewer than atoms."""
@@ -190,7 +192,7 @@ def check_number(
         raise input_error("k", fault, "lower k or `every`, or give more shapes")
 
 
-def unaligned(points: Floats) -> Alignment:
+def identity_alignment(points: Floats) -> Alignment:
     """Return the alignment that leaves shapes (n, 3, p) as they are."""
     unturned = np.tile(np.eye(3), (len(points), 1, 1))
     return Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
@@ -264,27 +266,29 @@ def number_of_atoms(number: int, config: LearnDictConfig) -> int:
     return config.k if "k" in config.model_fields_set else min(config.k, number)
 
 
-def with_motion(dictionary: Dictionary, every: Shapes, shapes: Shapes) -> Dictionary:
+def with_motion_and_lengths(
+    dictionary: Dictionary, all_shapes: Shapes, shapes: Shapes
+) -> Dictionary:
     """Return the dictionary with accelerations, and with lengths of bones.
 
-    Motion and differences between bodies are those of every shape, lengths those of the
-    `shapes` that are learned from.
+    Motion and differences between bodies are those of `all_shapes`, lengths those of
+    the `shapes` that are learned from.
     """
-    points = every.as_columns()
-    if every.sequences:
+    points = all_shapes.as_columns()
+    if all_shapes.sequences:
         acceleration = find_acceleration(
-            points, every.sequences, every.frames, every.frame_rate
+            points, all_shapes.sequences, all_shapes.frames, all_shapes.frame_rate
         )
         if acceleration is not None:
             dictionary = replace(
-                dictionary, acceleration=acceleration, frame_rate=every.frame_rate
+                dictionary, acceleration=acceleration, frame_rate=all_shapes.frame_rate
             )
-    edges = every.edges
+    edges = all_shapes.edges
     if edges is None:
         return dictionary
     in_one = ("",) * len(shapes)
     lengths, _, _ = find_lengths(shapes.as_columns(), edges, in_one)
-    sequences = every.sequences or ("",) * len(every)
+    sequences = all_shapes.sequences or ("",) * len(all_shapes)
     dictionary = replace(
         dictionary,
         edge_length=lengths.mean(axis=0),
@@ -294,7 +298,7 @@ def with_motion(dictionary: Dictionary, every: Shapes, shapes: Shapes) -> Dictio
         return dictionary
     lengths, of_sequences, _ = find_lengths(points, edges, sequences)
     covariance = find_edge_covariance(
-        of_sequences, None if every.sequences else lengths
+        of_sequences, None if all_shapes.sequences else lengths
     )
     return replace(dictionary, edge_covariance=covariance)
 
@@ -304,7 +308,7 @@ def place_of(config: LearnDictConfig) -> str:
     return ", ".join(map(str, config.shapes))
 
 
-def exemplars(training: TrainingShapes) -> Dictionary:
+def exemplar_dictionary(training: TrainingShapes) -> Dictionary:
     """Return a dictionary whose atoms are the training shapes, with their meshes."""
     return replace(
         training.dictionary,
@@ -317,7 +321,7 @@ def exemplars(training: TrainingShapes) -> Dictionary:
     )
 
 
-def pca_bases(training: TrainingShapes) -> Dictionary:
+def pca_dictionary(training: TrainingShapes) -> Dictionary:
     """Return a dictionary whose atoms are principal components of each sequence.
 
     Meshes are left out: bases are differences of shapes, not shapes. Raises InputError
@@ -334,8 +338,10 @@ def pca_bases(training: TrainingShapes) -> Dictionary:
     return replace(training.dictionary, atoms=bases)
 
 
-def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning:
-    """Learn atoms by sparse coding, without meshes."""
+def learn_by_sparse_coding(
+    training: TrainingShapes, config: LearnDictConfig
+) -> Learning:
+    """Learn a dictionary of aligned shapes by sparse coding, without meshes."""
     shapes = training.alignment.shapes
     rounds = config.iterations
     total = rounds + (MAX_MIXTURE_ROUNDS if config.prior.components else 0)
@@ -361,10 +367,11 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
 def learn_prior(
     training: TrainingShapes, config: LearnDictConfig
 ) -> Generator[Result, None, Mixture]:
-    """Learn the mixture over the aligned shapes, varied as the section `prior` says.
+    """Learn the prior, a mixture over the aligned shapes or over varied copies of them.
 
-    Yields a result a round. Raises InputError for more components than shapes, and
-    bones that are no tree where they are to vary.
+    They are varied where the section `prior` asks for it. Yields a result a round.
+    Raises InputError for more components than shapes, and where bones are to vary that
+    are no tree.
     """
     prior = config.prior
     shapes = training.alignment.shapes
@@ -381,7 +388,7 @@ def learn_prior(
         shapes,
         components,
         shrinkage=prior.shrinkage,
-        floor=prior.floor,
+        variance_floor=prior.floor,
         max_rounds=MAX_MIXTURE_ROUNDS,
     )
     for number, learned in enumerate(rounds, start=1):
@@ -399,7 +406,11 @@ def number_of_components(number: int, prior: PriorConfig) -> int:
 
 
 def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
-    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean."""
+    """Return varied copies (copies n, 3, p) of the n aligned shapes, aligned again.
+
+    They are normalised, and turned onto the mean unless `align` is `none`. Raises
+    InputError where `edges` are no tree of bones.
+    """
     aligned = training.alignment.shapes
     points = aligned.shape[2]
     edges = training.original.edges

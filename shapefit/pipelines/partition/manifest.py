@@ -23,7 +23,7 @@ from shapefit.config.manifest import (
 )
 from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
-from shapefit.io.inputs import State, in_words
+from shapefit.io.inputs import State, format_bytes
 from shapefit.pipelines.result import Numbers
 
 LOCK_FILE = ".lock"
@@ -46,11 +46,11 @@ class Part(NamedTuple):
 
     @property
     def slice(self) -> slice | None:
-        """The rows as a slice, None for all."""
+        """Return the rows as a slice, None for all."""
         return None if self.rows is None else slice(*self.rows)
 
     def line(self, status: PartStatus, **outcome: Any) -> PartLine:
-        """Return the line of the part in the manifest."""
+        """Return the line of the part in the manifest, with its status and outcome."""
         return PartLine(
             file=self.file,
             inputs=tuple(map(path_text, self.inputs)),
@@ -78,17 +78,17 @@ class Manifest:
 
     @property
     def done(self) -> dict[str, PartLine]:
-        """The lines of the parts that have a result, by file."""
+        """Return file -> line of the parts that have a result."""
         return {file: line for file, line in self.parts.items() if line.status == DONE}
 
     @property
     def missing(self) -> set[str]:
-        """The names of files that the run is to write, and has not."""
+        """Return the names of the files that the run is still to write."""
         return {*map(part_name, self.run.parts)} - self.done.keys()
 
     @property
     def files(self) -> set[str]:
-        """The names of files that a run with this manifest may replace or remove."""
+        """Return the names of the files that a run may replace or remove."""
         numbers = (*self.run.parts, *self.run.removed)
         return {*map(part_name, numbers), *self.parts}
 
@@ -99,14 +99,14 @@ class Manifest:
             temporary.write_bytes(b"".join(map(_line_bytes, lines)))
 
     def add(self, line: PartLine) -> None:
-        """Add the line of a part, to the file too."""
+        """Set the line of a part, and append it to the file."""
         self.parts[line.file] = line
         with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
             file.write(_line_bytes(line))
 
 
 def _line_bytes(line: ManifestLine) -> bytes:
-    """Return a line as it stands in the file."""
+    """Return a line of a manifest as JSON, with the end of the line."""
     return json.dumps(line.model_dump(exclude_unset=True)).encode() + b"\n"
 
 
@@ -144,7 +144,7 @@ def refuse_unlisted(folder: Path, unlisted: Sequence[Path]) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def hold_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder of results, so that no other run writes to it.
 
     The folder is made where there is none, and removed if it stays empty. Raises
@@ -152,7 +152,7 @@ def locked(folder: Path) -> Iterator[None]:
     """
     check_folder(folder)
     made = [place for place in (folder, *folder.parents) if not place.exists()]
-    file = _lock(folder)
+    file = _open_lock(folder)
     try:
         yield
     finally:
@@ -163,7 +163,7 @@ def locked(folder: Path) -> Iterator[None]:
         file.close()
 
 
-def _lock(folder: Path) -> IO[str]:
+def _open_lock(folder: Path) -> IO[str]:
     """Return the open lock file of a folder; both are made where there are none.
 
     Raises InputError where another run holds the lock. A run that ends removes it: who
@@ -215,7 +215,7 @@ def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
     size = sum(part.bytes for part in parts.values())
     without = f", {failed:,} without a shape" if failed else ""
     return [
-        ("parts", f"{len(parts):,}, {in_words(size)}"),
+        ("parts", f"{len(parts):,}, {format_bytes(size)}"),
         ("images", f"{images:,}{without}"),
     ]
 

@@ -66,20 +66,20 @@ from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.camera import CAMERA_DATASETS
 from shapefit.pipelines.fit.choices import (
+    are_in_sequences,
     choose_method,
     files_of,
-    in_sequences,
     match_to_dictionary,
     reading_options,
 )
-from shapefit.pipelines.fit.family import Calibration, whole_blocks
+from shapefit.pipelines.fit.family import Calibration, round_to_blocks
 from shapefit.pipelines.fit.fit import FitPart, fit
-from shapefit.pipelines.fit.summary import camera_numbers, say_gap
+from shapefit.pipelines.fit.summary import camera_numbers, format_gap
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
     find_unlisted,
-    locked,
+    hold_lock,
     numbers_of_parts,
     read_manifest,
     refuse_unlisted,
@@ -153,12 +153,12 @@ def fit_parts(config: FitConfig) -> Iterator[Result]:
             " them"
         )
         raise input_error("export.folder", fault, fix)
-    with locked(folder.path):
-        yield from run_alone(config, folder)
+    with hold_lock(folder.path):
+        yield from fit_locked_folder(config, folder)
 
 
-def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
-    """Plan and do the parts of a folder that no other run writes to."""
+def fit_locked_folder(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
+    """Plan and lift the parts of a folder whose lock this run holds."""
     manifest = read_manifest(folder.path)
     unlisted = find_unlisted(folder.path, manifest)
     if not folder.replace:
@@ -168,7 +168,7 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
     )
     if config.method == AUTO and manifest is not None:
         config = config.changed(method=method_of(manifest))
-    config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
+    config, chosen = choose_method(config, dictionary, lambda: are_in_sequences(config))
     plan = plan_folder(config, folder, manifest)
     if plan.refused and not folder.replace:
         fault = f"holds results that differ: {plan.refused}"
@@ -216,7 +216,7 @@ def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
     try:
         kind = TypeAdapter(Calibration)
         calibration = kind.validate_python(dict(manifest.run.estimated))
-        check_calibration(type(config), calibration.keys_of(config))
+        check_calibration(type(config), calibration.config_values(config))
     except (ValueError, TypeError) as error:  # pydantic's has several lines
         text = printable(" ".join(str(error).split()))
         raise manifest_error(manifest.path, f"estimated: {text}") from None
@@ -251,8 +251,8 @@ def plan_folder(
     if manifest is None:
         parts = find_parts(config, folder.partition)
         return FolderPlan(parts, {}, [], "", digests, states_of_files)
-    named = {key_of(line): file for file, line in manifest.parts.items()}
-    parts = find_parts(config, folder.partition, named)
+    file_names = {part_key(line): file for file, line in manifest.parts.items()}
+    parts = find_parts(config, folder.partition, file_names)
     states = {part.file: part.states for part in parts}
     done = manifest.done
     changed: list[str] = []
@@ -292,16 +292,16 @@ def digest_run(
 
 
 def find_parts(
-    config: FitConfig, size: int, named: Mapping[PartKey, str] | None = None
+    config: FitConfig, size: int, file_names: Mapping[PartKey, str] | None = None
 ) -> list[Part]:
-    """Return the parts of a fit, of `size` images or more.
+    """Divide the landmarks of a fit into parts of `size` images or more.
 
-    Those named already keep their files.
+    Parts that are in `file_names` keep their files.
     """
     options = reading_options(config)
-    named = named or {}
+    file_names = file_names or {}
     names = map(part_name, count())
-    free = (name for name in names if name not in named.values())
+    free = (name for name in names if name not in file_names.values())
     parts = []
     for file_format, inputs in group_inputs(list(config.landmarks), options):
         ranges: Sequence[tuple[int, int] | None] = [None]
@@ -314,7 +314,7 @@ def find_parts(
             )
         states = tuple(map(find_state, inputs))
         for rows in ranges:
-            file = named.get((tuple(map(path_text, inputs)), rows))
+            file = file_names.get((tuple(map(path_text, inputs)), rows))
             parts.append(Part(file or next(free), inputs, rows, states))
     return parts
 
@@ -337,7 +337,7 @@ def divide_rows(
                     if names[row] != names[row - 1] and row - starts[-1] >= size:
                         starts.append(row)
             else:
-                starts = list(range(0, total, whole_blocks(size)))
+                starts = list(range(0, total, round_to_blocks(size)))
     except InputError:  # whoever does its part reports it
         return [None]
     if len(starts) <= 1:
@@ -345,13 +345,13 @@ def divide_rows(
     return list(pairwise([*starts, total]))
 
 
-def key_of(line: PartLine) -> PartKey:
+def part_key(line: PartLine) -> PartKey:
     """Return the inputs and rows of a part, by which it is recognised."""
     return line.inputs, line.rows
 
 
 def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
-    """Return the first images of all parts, with what else a calibration needs.
+    """Return the first SAMPLE_POOL images of all parts, as a calibration needs them.
 
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
@@ -394,13 +394,13 @@ def run_parts(
     manifest: Manifest,
     calibration: Calibration,
 ) -> Iterator[Result]:
-    """Do the parts that are not retained; yield the result of each as it ends.
+    """Lift the parts that are not retained; yield the result of each as it ends.
 
     Files in `plan.removed` are removed first; the last result sums up.
     """
-    if config.threads == 0 and is_shared_out(folder):
+    if config.threads == 0 and uses_other_processes(folder):
         config = config.changed(threads=1)
-    shared = calibration.settle(config)
+    shared = calibration.apply_to(config)
     shared = shared.changed(landmarks=())  # each part names its own
     jobs = deque(
         Job(part, shared, folder.path, calibration, plan.states)
@@ -422,30 +422,30 @@ def run_parts(
     done = tuple(manifest.done.values())
     camera = camera_numbers(shared.camera)
     numbers = numbers_of_parts(done)._replace(camera=camera)
-    gap = say_gap(numbers.largest_gap, numbers.not_optimal)
+    gap = format_gap(numbers.largest_gap, numbers.not_optimal)
     note = f"{len(done)} of {total} done{gap}"
     yield Result(note=note, numbers=numbers, written=(manifest.path,))
 
 
-def is_shared_out(folder: ResultFolder) -> bool:
-    """Whether other processes do the parts."""
+def uses_other_processes(folder: ResultFolder) -> bool:
+    """Whether the parts of a folder are lifted by other processes than this one."""
     return bool(folder.workers or folder.scheduler or folder.scheduler_file)
 
 
 def run_jobs(
     jobs: deque[Job], folder: ResultFolder
 ) -> Generator[EndedPart, None, None]:
-    """Do jobs here, in processes or on a cluster; yield the end of each as it comes.
+    """Run jobs here, in processes or on a cluster; yield line and result of each.
 
     The folder says where. Where a process dies, the parts that were under way are done
     again, each alone in a new one.
     """
-    if not is_shared_out(folder):
+    if not uses_other_processes(folder):
         yield from map(run_job, jobs)
         return
     while jobs:
         running: dict[Future[EndedPart], Job] = {}
-        with executor(folder) as (pool, at_once), suppress(BrokenExecutor):
+        with open_executor(folder) as (pool, at_once), suppress(BrokenExecutor):
             while jobs or running:
                 while jobs and len(running) < at_once:
                     # it stays among the jobs until the pool has taken it
@@ -456,18 +456,18 @@ def run_jobs(
                     yield await_job(future, running[future])
                     del running[future]
         for job in running.values():
-            with executor(replace(folder, workers=1)) as (pool, _):
+            with open_executor(replace(folder, workers=1)) as (pool, _):
                 try:
                     yield await_job(pool.submit(run_job, job), job)
                 except BrokenExecutor:
                     reason = (
                         "its process died, twice: give it more memory, or less work"
                     )
-                    yield failed(job, reason)
+                    yield failed_part(job, reason)
 
 
 @contextmanager
-def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
+def open_executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
     """Give an executor of processes or of Dask, and how many parts to submit at a time.
 
     Raises InputError where no scheduler answers.
@@ -545,7 +545,7 @@ def await_job(future: Future[EndedPart], job: Job) -> EndedPart:
         reason = (
             "one worker after another died of it: give it more memory, or less work"
         )
-        return failed(job, reason)
+        return failed_part(job, reason)
 
 
 def run_job(job: Job) -> EndedPart:
@@ -563,10 +563,10 @@ def run_job(job: Job) -> EndedPart:
     try:
         return run_while_awaited(fit_part, job)
     except InputError as error:
-        return failed(job, "; ".join(error.problems))
+        return failed_part(job, "; ".join(error.problems))
     except Exception as error:
         text = str(error).partition("\n")[0]
-        return failed(job, ": ".join(filter(None, (type(error).__name__, text))))
+        return failed_part(job, ": ".join(filter(None, (type(error).__name__, text))))
 
 
 def run_while_awaited(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
@@ -574,7 +574,7 @@ def run_while_awaited(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
 
     That is so where a Dask worker does it, and `fit` was killed.
     """
-    is_wanted = task_of_dask()
+    is_wanted = dask_task_check()
     if is_wanted is None:
         return work(job)
     with make_pool(1) as pool:
@@ -585,7 +585,7 @@ def run_while_awaited(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
         return doing.result()
 
 
-def task_of_dask() -> Callable[[], bool] | None:
+def dask_task_check() -> Callable[[], bool] | None:
     """Return a function that says whether this thread's Dask task is still wanted.
 
     None where the thread has no such task.
@@ -606,8 +606,8 @@ def task_of_dask() -> Callable[[], bool] | None:
     return is_wanted
 
 
-def failed(job: Job, error: str) -> EndedPart:
-    """Return line and result of a part that has failed."""
+def failed_part(job: Job, error: str) -> EndedPart:
+    """Return the line in the manifest and the result of a part that has failed."""
     reason = error if str(job.part.inputs[0]) in error else f"{job.part}: {error}"
     result = Result(failures=(Failure(job.part.file, reason),))
     return job.part.line(FAILED, error=reason), result

@@ -58,7 +58,7 @@ class FilmTable(NamedTuple):
 
 
 def is_film(path: Path) -> bool:
-    """Whether a path is a file, or is called like a film."""
+    """Whether a path is an existing file, or ends like the name of a film."""
     films = MP4_SUFFIXES + WEBM_SUFFIXES + OTHER_FILM_SUFFIXES
     return path.is_file() or path.suffix.lower() in films
 
@@ -126,31 +126,33 @@ def _refuse(path: Path, fault: str, options: str = "") -> NoReturn:
 
 
 def read_mp4(data: bytes) -> FilmTable:
-    """Return the table of the first film in an MP4 or MOV.
+    """Return the table of the first film in the bytes of an MP4 or MOV.
 
     `stts` holds (count, duration) of frames in the order of decoding, `ctts` the
     (count, offset) by which each is shown later, `elst` where the film begins. Raises
     ValueError and struct.error for damaged files.
     """
-    for track in _boxes(data, ("moov", "trak")):
-        handlers = [*_boxes(track, ("mdia", "hdlr"))]
+    for track in _mp4_boxes(data, ("moov", "trak")):
+        handlers = [*_mp4_boxes(track, ("mdia", "hdlr"))]
         if handlers and handlers[0][8:12] == b"vide":
             break
     else:
         return FilmTable(np.empty(0), 0.0, "", "holds no film that can be read")
     tables = ("mdia", "minf", "stbl")
-    codec, fault = _read_sample_entry(next(_boxes(track, (*tables, "stsd")), b""))
-    header = next(_boxes(track, ("mdia", "mdhd")), b"")
+    codec, fault = _read_sample_entry(next(_mp4_boxes(track, (*tables, "stsd")), b""))
+    header = next(_mp4_boxes(track, ("mdia", "mdhd")), b"")
     (ticks,) = struct.unpack_from(">I", header, 20 if header[0] else 12)
-    counts, durations = _pairs(next(_boxes(track, (*tables, "stts")), b""), ">u4")
+    counts, durations = _read_pairs(
+        next(_mp4_boxes(track, (*tables, "stts")), b""), ">u4"
+    )
     if ticks == 0 or counts.sum() > len(data):  # a frame has at least a byte
         raise ValueError("the table of times is damaged")
     if not fault and not counts.sum():
         fault = "is in fragments, and does not say in one place when frames are shown"
     lasts = np.repeat(durations, counts)
     shown = np.cumsum(lasts) - lasts
-    for offsets_table in _boxes(track, (*tables, "ctts")):
-        counts, offsets = _pairs(offsets_table, ">i4")
+    for offsets_table in _mp4_boxes(track, (*tables, "ctts")):
+        counts, offsets = _read_pairs(offsets_table, ">i4")
         if counts.sum() != len(shown):
             raise ValueError("the table of offsets is damaged")
         shown = shown + np.repeat(offsets, counts)
@@ -171,7 +173,7 @@ def _read_sample_entry(table: bytes) -> tuple[str, str]:
     if codec not in MP4_CODECS:
         return codec, f"has the codec {codec!r}, which not all browsers play"
     # the entry begins with 8 bytes of its box and 78 of what all films have
-    for settings in _boxes(table[8 + 86 :], ("avcC",)):
+    for settings in _mp4_boxes(table[8 + 86 :], ("avcC",)):
         if settings[1] not in H264_PROFILES:
             return (
                 codec,
@@ -181,16 +183,16 @@ def _read_sample_entry(table: bytes) -> tuple[str, str]:
 
 
 def _read_edits(data: bytes, track: bytes, ticks: int) -> tuple[float, float, int]:
-    """Return the seconds of the film that are skipped and waited at its begin.
+    """Return the seconds skipped and waited at the beginning, and how many parts.
 
-    Also how many parts of the film are shown, one after the other.
+    Parts of the film are shown one after the other.
     """
     begin = 0.0
     delay = 0.0
     parts = 0
-    (header,) = _boxes(data, ("moov", "mvhd"))
+    (header,) = _mp4_boxes(data, ("moov", "mvhd"))
     (movie_ticks,) = struct.unpack_from(">I", header, 20 if header[0] else 12)
-    for edits in _boxes(track, ("edts", "elst")):
+    for edits in _mp4_boxes(track, ("edts", "elst")):
         layout = ">QqI" if edits[0] else ">IiI"
         size = struct.calcsize(layout)
         (count,) = struct.unpack_from(">I", edits, 4)
@@ -205,8 +207,8 @@ def _read_edits(data: bytes, track: bytes, ticks: int) -> tuple[float, float, in
     return begin, delay, parts
 
 
-def _boxes(data: bytes, path: Sequence[str]) -> Iterator[bytes]:
-    """Yield the contents of the boxes that a path of names leads to."""
+def _mp4_boxes(data: bytes, path: Sequence[str]) -> Iterator[bytes]:
+    """Yield the contents of the boxes in MP4 that a path of names leads to."""
     at = 0
     while at + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, at)
@@ -222,12 +224,12 @@ def _boxes(data: bytes, path: Sequence[str]) -> Iterator[bytes]:
             if len(path) == 1:
                 yield inner
             else:
-                yield from _boxes(inner, path[1:])
+                yield from _mp4_boxes(inner, path[1:])
         at += size
 
 
-def _pairs(table: bytes, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return counts and values of a table of both."""
+def _read_pairs(table: bytes, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return counts and values of a table of (count, value); `kind` is their dtype."""
     (rows,) = struct.unpack_from(">I", table, 4)
     numbers = np.frombuffer(table, kind, count=2 * rows, offset=8).astype(np.int64)
     counts, values = numbers.reshape(-1, 2).T
@@ -262,7 +264,7 @@ INVISIBLE = 0x08
 
 
 def read_webm(data: bytes) -> FilmTable:
-    """Return the table of the first film in a WebM.
+    """Return the table of the first film in the bytes of a WebM.
 
     A block holds a frame; its time is that of its cluster, and more. Raises ValueError
     and IndexError for damaged files.
@@ -276,7 +278,7 @@ def read_webm(data: bytes) -> FilmTable:
     film = 0
     cluster = 0  # its time
     ticks: list[int] = []
-    for element, content in _elements(data):
+    for element, content in _ebml_elements(data):
         if element == TIMESTAMP_SCALE:
             scale = float(int.from_bytes(content))
         elif element == DURATION:
@@ -293,7 +295,7 @@ def read_webm(data: bytes) -> FilmTable:
         elif element == CLUSTER_TIMESTAMP:
             cluster = int.from_bytes(content)
         elif element in (SIMPLE_BLOCK, BLOCK):
-            owner, length = _variable_number(content, 0)
+            owner, length = _read_variable_number(content, 0)
             (later,) = struct.unpack_from(">h", content, length)
             if owner == film and not content[length + 2] & INVISIBLE:
                 ticks.append(cluster + later)
@@ -311,15 +313,15 @@ def read_webm(data: bytes) -> FilmTable:
     return FilmTable(starts, float(end), codec)
 
 
-def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield (id, content) of elements, those inside others after them.
+def _ebml_elements(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield (id, content) of the elements of EBML, those inside others after them.
 
     The contents of an element that holds others come one by one, and its own is empty.
     """
     at = 0
     while at < len(data):
-        name, head = _variable_number(data, at, keeps_length=True)
-        size, length = _variable_number(data, at + head)
+        name, head = _read_variable_number(data, at, keeps_length=True)
+        size, length = _read_variable_number(data, at + head)
         at += head + length
         if name in MASTERS:
             yield name, b""
@@ -330,12 +332,13 @@ def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
         at += size
 
 
-def _variable_number(
+def _read_variable_number(
     data: bytes, at: int, *, keeps_length: bool = False
 ) -> tuple[int, int]:
-    """Return a number of EBML, and its bytes; the first byte says how many these are.
+    """Return the number of EBML at a place, and how many bytes it has.
 
-    keeps_length: whether the bit that says so is part of the number, as in ids.
+    The first byte says how many. keeps_length: whether the bit that says so is part of
+    the number, as in ids.
     """
     first = data[at]
     if first == 0:

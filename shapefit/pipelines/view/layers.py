@@ -60,7 +60,7 @@ def make_layers(
     observed: Floats | None,
     notes: list[str],
 ) -> Layers:
-    """Return the layers, those of results first and the truth last.
+    """Return the layers of a page, those of results first and the truth last.
 
     All are in the space of the first result, of one with a camera if there is one: in
     metres where it knows them. What is in another space, such as shapes and the truth,
@@ -76,7 +76,7 @@ def make_layers(
     for content in results:
         layer = _result_layer(content, observed, truth)
         if dictionary is not None and dictionary.mesh_vertices is not None:
-            weights = _mixture(layer, content, dictionary)
+            weights = _mesh_weights(layer, content, dictionary)
             if weights is None:
                 notes.append(
                     f"{content.name} has no mesh: it mixes no atoms of this dictionary."
@@ -90,10 +90,10 @@ def make_layers(
     if not results:
         return Layers(layers, meshes, contents[0].records.unit)
     guide = next(filter(has_camera, results), results[0])
-    space = _space(guide)
-    stays = [_space(content) == space for content in results]
+    space = _space_of(guide)
+    stays = [_space_of(content) == space for content in results]
     stays += [False] * len(others)
-    shown = _in_one_space(layers, stays, guide.name, notes)
+    shown = _move_to_one_space(layers, stays, guide.name, notes)
     if space.in_metres:
         unit = "m"
     elif space.in_camera:
@@ -103,10 +103,10 @@ def make_layers(
     return Layers(shown, meshes, unit)
 
 
-def _in_one_space(
+def _move_to_one_space(
     layers: Sequence[Layer], stays: Sequence[bool], guide: str, notes: list[str]
 ) -> list[Layer]:
-    """Return layers in one space: those whose `stays` is false move onto the others.
+    """Bring layers into one space: those whose `stays` is false move onto the others.
 
     One that cannot be moved is left out, with a note.
     """
@@ -124,12 +124,15 @@ def _in_one_space(
 
 
 def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
-    """Return the layer of shapes of a file; its meshes are added to `meshes`."""
+    """Return the layer of a file of shapes; append its meshes, if any, to `meshes`.
+
+    More than MAX_MESHES are left out.
+    """
     layer: Layer = {
         "name": content.name,
         "role": content.role,
         "points": content.points,
-        "measures": [] if content.role == "truth" else [*_angles(content)],
+        "measures": [] if content.role == "truth" else [*_angle_measures(content)],
         "pose": None,
         "perspective": False,
     }
@@ -148,7 +151,7 @@ def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
 
 
 def join_individuals(layers: Sequence[Layer], contents: Sequence[Content]) -> Layer:
-    """Return the layers of files of shapes, one an individual, as one layer.
+    """Join layers of files of shapes, each of one individual, to one layer.
 
     No frame is in two of the files.
     """
@@ -159,7 +162,7 @@ def join_individuals(layers: Sequence[Layer], contents: Sequence[Content]) -> La
         points[is_here] = layer["points"][is_here]
         for measure in layer["measures"]:
             empty = np.full(len(points), np.nan)
-            joined = _measure(measure["name"], empty, measure["unit"])
+            joined = _make_measure(measure["name"], empty, measure["unit"])
             joined = measures.setdefault(measure["name"], joined)
             joined["values"][is_here] = measure["values"][is_here]
     return {
@@ -180,7 +183,7 @@ def mesh_vertices(records: Items) -> Floats | None:
 
 
 def first_finite(arrays: Sequence[Floats]) -> Floats:
-    """Return points (n, d, p): of each frame those of the first array that has any."""
+    """Return points (n, d, p), of each frame those of the first array that has any."""
     points = arrays[0]
     for further in arrays[1:]:
         empty = ~np.isfinite(points).any(axis=(1, 2), keepdims=True)
@@ -200,8 +203,8 @@ class _Space(NamedTuple):
     in_metres: bool
 
 
-def _space(content: Content) -> _Space:
-    """Return whether a result is before a camera, and whether it knows metres."""
+def _space_of(content: Content) -> _Space:
+    """Return whether a result is in front of a camera, and whether it knows metres."""
     metres = content.values.get("metres_per_unit")
     in_metres = metres is not None and bool(np.isfinite(metres).any())
     return _Space(has_camera(content), in_metres)
@@ -210,11 +213,11 @@ def _space(content: Content) -> _Space:
 def _result_layer(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Layer:
-    """Return the layer of a result: X = factor (S - start) + end of its shapes S."""
+    """Return the layer of a result, its shapes S moved to factor (S - start) + end."""
     values = content.values
     shapes = content.points
     n = len(shapes)
-    space = _space(content)
+    space = _space_of(content)
     start = np.zeros((n, 3))
     end = start
     if space.in_camera:
@@ -245,14 +248,17 @@ def _result_layer(
         "pose": pose,
         "camera": camera,
         "perspective": space.in_camera,
-        "status": _reasons_unsolved(values.get("status")),
+        "status": _encode_unsolved(values.get("status")),
         "reasons": encode_texts(values.get(REASONS)),
-        "measures": [*_angles(content), *_error_measures(content, observed, truth)],
+        "measures": [
+            *_angle_measures(content),
+            *_error_measures(content, observed, truth),
+        ],
     }
 
 
-def _reasons_unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
-    """Return the status of frames (n,) that were not solved; None where all were."""
+def _encode_unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
+    """Encode the status (n,) of frames, "" for solved ones; None where all are."""
     if status is None:
         return None
     is_solved = np.isin(status.astype(str), SOLVED)
@@ -260,7 +266,7 @@ def _reasons_unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None
     return encode_texts(unsolved) if unsolved.any() else None
 
 
-def _angles(content: Content) -> Iterator[Measure]:
+def _angle_measures(content: Content) -> Iterator[Measure]:
     """Yield the joint angles of a body with their standard deviations, in degrees."""
     if ANGLES not in content.values:
         return
@@ -269,13 +275,13 @@ def _angles(content: Content) -> Iterator[Measure]:
         sd = content.values[ANGLE_SD][:, number]
         band = sd if np.isfinite(sd).any() else None
         if np.isfinite(angle).any():
-            yield _measure(name.replace("_", " "), angle, "°", band)
+            yield _make_measure(name.replace("_", " "), angle, "°", band)
 
 
 def _error_measures(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Iterator[Measure]:
-    """Yield errors of each frame: in metres, or else in the unit of the truth."""
+    """Yield errors of each frame in metres, or else in the unit of the truth."""
     values = content.values
     unit = content.records.unit
     expected = values.get("expected_error")
@@ -283,29 +289,29 @@ def _error_measures(
     factor: Floats | float = to_metres
     if truth is not None:
         error = metrics.similarity_error(content.points, truth.points)
-        yield _measure(AGAINST_TRUTH, factor * error, length)
-    if _space(content).in_metres and (truth is None or length == "m"):
+        yield _make_measure(AGAINST_TRUTH, factor * error, length)
+    if _space_of(content).in_metres and (truth is None or length == "m"):
         factor, length = values["metres_per_unit"], "m"
     elif truth is not None and expected is not None:
         expected = metrics.convert_expected_error(
             content.points, truth.points, expected
         )
     if expected is not None:
-        yield _measure(EXPECTED, factor * expected, length)
+        yield _make_measure(EXPECTED, factor * expected, length)
     if "p_value" in values:
-        yield _measure("p-value", values["p_value"])
+        yield _make_measure("p-value", values["p_value"])
     fitted = values.get("landmarks_fitted")
     if fitted is None and not has_camera(content):
         fitted = content.points[:, :2]
     if observed is not None and fitted is not None:
         distance = metrics.reprojection(fitted, observed)
-        yield _measure("reprojection", distance, unit)
+        yield _make_measure("reprojection", distance, unit)
 
 
-def _measure(
+def _make_measure(
     name: str, values: Floats, unit: str = "", sd: Floats | None = None
 ) -> Measure:
-    """Return numbers (n,) of frames as the page shows them, with their deviations."""
+    """Return a curve for the chart: numbers (n,) of frames with their deviations."""
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 
@@ -327,7 +333,9 @@ def change_metres_to_cm_or_mm(layers: Sequence[Layer]) -> tuple[str, float]:
     return unit, per_metre
 
 
-def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats | None:
+def _mesh_weights(
+    layer: Layer, content: Content, dictionary: Dictionary
+) -> Floats | None:
     """Return the weights (n, k) by which a result mixes the meshes of the atoms.
 
     None where the result does not mix the atoms of this dictionary by one rotation.

@@ -39,25 +39,28 @@ Size = tuple[float, float]
 def embed_photographs(
     folder: Path, items: Sequence[str], image: Sequence[float] | None
 ) -> tuple[dict[int, Picture], list[str]]:
-    """Return the pictures of frames as they stand in a page, and notes.
+    """Return frame -> picture, encoded as a page has it, and notes.
 
     image is the size of the images, where it is known. Raises InputError as
     `read_photographs`.
     """
     paths = find_photographs(folder, items)
-    _, first = next(_embed_all(paths, image, []))
+    _, first = next(_encode_photographs(paths, image, []))
     step = 1 + len(paths) * len(first["data"]) // MAX_PICTURE_BYTES
     notes = [*notes_on_missing(folder, len(items), len(paths))]
     if step > 1:
         notes.append(f"One of {step} photographs is shown, so that the page is small.")
     chosen = {frame: paths[frame] for frame in list(paths)[::step]}
-    return dict(_embed_all(chosen, image, notes)), notes
+    return dict(_encode_photographs(chosen, image, notes)), notes
 
 
-def _embed_all(
+def _encode_photographs(
     paths: Mapping[int, Path], image: Sequence[float] | None, notes: list[str]
 ) -> Iterator[tuple[int, Picture]]:
-    """Yield the picture of each frame; what is wrong with some goes to the notes."""
+    """Yield each frame and its photograph as an encoded Picture; append to `notes`.
+
+    image and notes as in `read_photographs`.
+    """
     for frame, photograph in read_photographs(paths, image, notes):
         data = BytesIO()
         photograph.pixels.save(data, "JPEG", quality=75)
@@ -69,15 +72,16 @@ def _embed_all(
 def read_photographs(
     paths: Mapping[int, Path], image: Sequence[float] | None, notes: list[str]
 ) -> Iterator[tuple[int, PlacedPhotograph]]:
-    """Yield the photograph of each frame, at most `MAX_PICTURE_SIDE` pixels long.
+    """Yield each frame with its photograph, at most `MAX_PICTURE_SIDE` pixels long.
 
-    Those that cannot be read, and those of another shape than the images, are told in
-    the notes at the end. Raises InputError where none can be read.
+    image: width and height of the images, if known. Photographs that cannot be read,
+    and those of another shape than the images, are told in the notes at the end. Raises
+    InputError where none can be read.
     """
     unreadable: list[str] = []
     odd: list[str] = []
     for frame, path in paths.items():
-        pixels = _read(path, unreadable)
+        pixels = _read_upright(path, unreadable)
         if pixels is None:
             continue
         width, height = pixels.size
@@ -117,8 +121,8 @@ def size_among_landmarks(own: Size, image: Sequence[float] | None) -> Size | Non
     return own if abs(factor - 1) < SIZE_TOLERANCE else (factor * own[0], image[1])
 
 
-def _read(path: Path, unreadable: list[str]) -> Image | None:
-    """Return a photograph as it is looked at, upright; None, and why, for no image."""
+def _read_upright(path: Path, unreadable: list[str]) -> Image | None:
+    """Read a photograph upright; where that fails, None, and why in `unreadable`."""
     from PIL import Image, ImageOps
 
     try:
@@ -131,7 +135,7 @@ def _read(path: Path, unreadable: list[str]) -> Image | None:
 
 
 def find_photographs(folder: Path, items: Sequence[str]) -> dict[int, Path]:
-    """Return the file of each frame that has a photograph.
+    """Return frame -> file of its photograph, for the frames that have one.
 
     A file is called by the item, or by what follows its last slash; or else the files
     are the frames of a video, in the order of the numbers in their names, from 0.
@@ -158,7 +162,7 @@ def find_photographs(folder: Path, items: Sequence[str]) -> dict[int, Path]:
 def _files_by_name(
     folder: Path, files: Sequence[Path], items: Sequence[str]
 ) -> dict[int, Path]:
-    """Return the file of each frame that is called by its item."""
+    """Return frame -> file whose name is the item of the frame."""
     by_name: dict[str, Path] = {}
     for path in files:
         by_name[str(path.relative_to(folder).with_suffix(""))] = path
@@ -173,7 +177,7 @@ def _files_by_name(
 
 
 def _files_by_number(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
-    """Return the file of each frame whose item ends in its place in the video."""
+    """Return frame -> file, by the number at the end of its item, from 0."""
     numbered = [(last_number(path.stem), path) for path in files]
     video = [path for number, path in sorted(numbered) if number >= 0]
     places = {frame: last_number(item) for frame, item in enumerate(items)}
@@ -190,8 +194,8 @@ def last_number(text: str) -> int:
     return int(end[1]) if end else -1
 
 
-def notes_on_missing(folder: Path, items: int, there: int) -> Iterator[str]:
-    """Yield a note where some items have no photograph."""
-    if there < items:
-        lacking = counted(items - there, "frame")
+def notes_on_missing(folder: Path, items: int, photographs: int) -> Iterator[str]:
+    """Yield a note where a folder has fewer photographs than there are items."""
+    if photographs < items:
+        lacking = counted(items - photographs, "frame")
         yield f"{lacking} of {items} without a photograph in {folder.name}."

@@ -82,7 +82,7 @@ class Frames(NamedTuple):
 
     @property
     def by_sequence(self) -> list[Indices]:
-        """Return the frames of each sequence."""
+        """Return the indices of the frames of each sequence."""
         starts = [start for _, start in self.sequences[1:]]
         return np.split(np.arange(len(self.items)), starts)
 
@@ -129,17 +129,19 @@ def read_inputs(config: ViewConfig) -> Inputs:
     if config.truth:
         with open_shapes(config.truth, input_options(config), gaps=True) as source:
             true = source.whole()
-    roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
+    roles = {
+        name: _find_role(paths[0], options) for name, paths in config.files.items()
+    }
     records, step, notes = _read_records(config, options, roles, true)
     landmarks = tuple(
         dict.fromkeys(chain(*(one.landmark_names for one in records.values())))
     )
     items, sequences = _find_frames(list(records.values()))
     contents = [
-        _content(name, roles[name], one, columns_of(one.items, items), landmarks)
+        _make_content(name, roles[name], one, find_places(one.items, items), landmarks)
         for name, one in records.items()
     ]
-    frames = Frames(items, sequences, step, _numbers(contents, len(items)))
+    frames = Frames(items, sequences, step, _frame_numbers(contents, len(items)))
     truth = None if true is None else _true_content(config, true, contents, landmarks)
     return Inputs(contents, truth, frames, landmarks, notes)
 
@@ -160,14 +162,14 @@ def _read_records(
         rows: dict[str, list[int]] = {}
         size = 0
         for name, source in sources.items():
-            every = enumerate(chain.from_iterable(source.names()))
+            every = enumerate(chain.from_iterable(source.item_names()))
             rows[name] = [row for row, item in every if item in chosen]
             landmarks = len(source.head.landmark_names)
             frame_bytes = MAX_FRAME_BYTES + MAX_LANDMARK_BYTES * landmarks
             size += frame_bytes * len(rows[name])
         step = math.ceil(size / (MAX_MEGABYTES * 1e6)) or 1
         records = {
-            name: _as_shown(_take(source, rows[name], step), true)
+            name: _with_true_landmarks(_read_every(source, rows[name], step), true)
             for name, source in sources.items()
             if rows[name]
         }
@@ -180,8 +182,11 @@ def _read_records(
     return records, step, [*notes, *chosen.warnings]
 
 
-def _numbers(contents: Sequence[Content], n: int) -> Floats:
-    """Return the place (n,) of each frame in its video, by the first file to say."""
+def _frame_numbers(contents: Sequence[Content], n: int) -> Floats:
+    """Return the number (n,) of each frame in its video, nan where it is unknown.
+
+    It is that of the first file which states one.
+    """
     numbers = np.full(n, np.nan)
     for content in contents:
         stated = content.values.get(FRAME)
@@ -190,10 +195,10 @@ def _numbers(contents: Sequence[Content], n: int) -> Floats:
     return numbers
 
 
-def _role(path: Path, options: InputOptions) -> Role:
+def _find_role(path: Path, options: InputOptions) -> Role:
     """Return the role of a file: result, shapes or landmarks, by what it holds.
 
-    CSV with a column z is a result: shapes before a camera.
+    CSV with a column z is a result: shapes in front of a camera.
     """
     kind = find_kind(path, options)
     if kind == "dictionary":
@@ -214,8 +219,8 @@ def _open_source(paths: Sequence[Path], role: Role, options: InputOptions) -> An
     return open_results(paths, OPTIONAL_DATASETS - SHOWN_DATASETS)
 
 
-def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
-    """Read every step-th of these items of each sequence."""
+def _read_every(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
+    """Read every `step`-th of the items `rows` in each sequence."""
     sequence_of = [*chain.from_iterable(source.sequences())]
     seen_in = Counter[str]()
     taken = []
@@ -224,15 +229,15 @@ def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
         if seen_in[sequence] % step == 0:
             taken.append(row)
         seen_in[sequence] += 1
-    parts: list[AnyRecord] = [*source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)]
+    parts: list[AnyRecord] = [*source.select(np.array(taken), ITEMS_READ_AT_ONCE)]
     return concatenate(parts)
 
 
-def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
-    """Return a result with the landmarks that the truth names, and what was observed.
+def _with_true_landmarks(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
+    """Return a fit with its joints, or its detector's landmarks if the truth has these.
 
-    Other records stay. Its observed landmarks are (n, 2, p); those of its input are
-    observed where a joint stands for them.
+    Other records stay. It has, too, where each landmark was observed; those of a
+    detector are observed where a joint stands for them.
     """
     if not isinstance(records, Fit):
         return records
@@ -242,7 +247,7 @@ def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
         return shown
     stands_for = people_joints(shown.landmark_names)
     names = [stands_for.get(name, name) for name in shown.landmark_names]
-    rows = columns_of(records.landmark_names, names)
+    rows = find_places(records.landmark_names, names)
     unseen = rows[:, None] < 0
     observed = np.where(unseen, np.nan, records.landmarks[:, rows])
     return replace(shown, landmarks=observed, edges=None)
@@ -271,24 +276,24 @@ def _find_frames(
     return items, tuple(zip(groups, starts, strict=True))
 
 
-def columns_of(names: Sequence[str], wanted: Sequence[str]) -> Indices:
-    """Return the place among `names` of each wanted one, -1 for what is not there."""
+def find_places(names: Sequence[str], wanted: Sequence[str]) -> Indices:
+    """Return the place of each wanted name in `names`, -1 for what is not there."""
     place = {name: column for column, name in enumerate(names)}
     return np.array([place.get(name, -1) for name in wanted], dtype=np.intp)
 
 
-def _content(
+def _make_content(
     name: str,
     role: Role,
     records: Items,
     rows: Indices,
     landmarks: Sequence[str],
 ) -> Content:
-    """Return records as the page has them: by its frames and landmarks, with angles.
+    """Return the columns of records by frames and landmarks of the page, and angles.
 
     rows (n,) are the record of each frame, -1 for none.
     """
-    columns = columns_of(records.landmark_names, landmarks)
+    columns = find_places(records.landmark_names, landmarks)
     if records.unit == UNKNOWN_UNIT:
         records = replace(records, unit="")
     angles: Mapping[str, Floats] = {}
@@ -316,7 +321,7 @@ def _true_content(
     contents: Sequence[Content],
     landmarks: Sequence[str],
 ) -> Content:
-    """Return the true shapes of the frames; InputError where there is none of any."""
+    """Return the true shapes by frames of the page; InputError where none has any."""
     place = next(iter(config.files.values()))[0]
     true_rows = np.full(len(contents[0].rows), -1)
     errors: list[InputError] = []
@@ -334,4 +339,4 @@ def _true_content(
     if wanted[0] < 0:  # -1 stands for frames without a true shape
         wanted = wanted[1:]
         rows = rows - 1
-    return _content("truth", "truth", truth.take(wanted), rows, landmarks)
+    return _make_content("truth", "truth", truth.take(wanted), rows, landmarks)

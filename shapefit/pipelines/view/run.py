@@ -46,7 +46,7 @@ MAX_SHEET_IMAGES = 24
 
 
 def write_page(config: ViewConfig) -> Iterator[Result]:
-    """Write the page, or a sheet of pictures.
+    """Write the page of the config's files, or a sheet of pictures.
 
     Yields one Result, with what is missing as warnings. Raises InputError for files
     that cannot be read or shown together, and where the output cannot be written.
@@ -95,7 +95,7 @@ def write_page(config: ViewConfig) -> Iterator[Result]:
 def read_sheet_photographs(
     config: ViewConfig, scene: Scene, rows: Sequence[int], notes: list[str]
 ) -> dict[int, PlacedPhotograph]:
-    """Return the photographs of some rows of a scene; what is wrong goes to the notes.
+    """Return row -> photograph of some rows of a scene; faults go to the notes.
 
     Raises InputError for a film, whose frames nobody decodes here, and as
     `read_photographs`.
@@ -142,7 +142,7 @@ def draw_sheet(
 
 
 def fitted_image(scene: Scene, row: int) -> FittedImage:
-    """Return one frame of the first layer of a scene.
+    """Return one frame of the first layer of a scene as an image of a sheet.
 
     The shape is all nan where the fit failed.
     """
@@ -165,15 +165,15 @@ def fitted_image(scene: Scene, row: int) -> FittedImage:
         shape=shape,
         projected=layer["fitted"][row],
         mesh=mesh,
-        projected_mesh=None if mesh is None else _seen_by_camera(mesh, layer, row),
+        projected_mesh=None if mesh is None else _project_by_camera(mesh, layer, row),
         outliers=None if outliers is None else outliers[row],
         doubt=doubt,
         upright=upright,
-        individual=_individual(scene, row),
+        individual=_name_individual(scene, row),
     )
 
 
-def _individual(scene: Scene, row: int) -> tuple[str, int]:
+def _name_individual(scene: Scene, row: int) -> tuple[str, int]:
     """Return the name and number of an individual of several, ("", 0) for one alone."""
     starts = [start for _, start in scene["sequences"]]
     sequence = bisect_right(starts, row) - 1
@@ -202,8 +202,8 @@ def _mixed_mesh(scene: Scene, layer: Layer, row: int) -> Floats | None:
     return mesh
 
 
-def _seen_by_camera(points: Floats, layer: Layer, row: int) -> Floats:
-    """Return where the camera sees points (3, q) of one frame: x f / |z| + c."""
+def _project_by_camera(points: Floats, layer: Layer, row: int) -> Floats:
+    """Project points (3, q) of one frame to the image: x f / |z| + c, or x f + c."""
     camera = layer["camera"]
     assert camera is not None
     f, c = np.split(camera[row][:, None], 2)

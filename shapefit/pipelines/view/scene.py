@@ -20,7 +20,7 @@ from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
 from shapefit.io.layout import FOCAL_ASSUMED
-from shapefit.io.names import pairs_of_sides
+from shapefit.io.names import find_side_pairs
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.metres import find_stature
@@ -42,7 +42,7 @@ from shapefit.pipelines.view.reading import (
     Content,
     Frames,
     Inputs,
-    columns_of,
+    find_places,
     read_inputs,
 )
 from shapefit.records import Fit
@@ -74,7 +74,7 @@ STATED_ERRORS = {
 
 
 def make_scene(config: ViewConfig) -> Scene:
-    """Return the scene of the files of a config."""
+    """Read the files of a config, and return the scene that their page shows."""
     inputs = read_inputs(config)
     contents, truth, frames = inputs.contents, inputs.truth, inputs.frames
     dictionary = None
@@ -142,7 +142,7 @@ def make_scene(config: ViewConfig) -> Scene:
         "image": image,
         "video": timing.is_video,
         "rigid": is_rigid,
-        "facts": [*_facts(timing, frames), *_quality(contents, layers)],
+        "facts": [*_count_facts(timing, frames), *_quality_facts(contents, layers)],
         "about": "about " if any(map(_assumed_focal, _results(contents))) else "",
         "assumed": [*assumed, *([] if is_rigid else [_describe_ground(floors)])],
         "notes": notes,
@@ -262,7 +262,7 @@ def _is_individual_each(
 def _find_floors(
     contents: Sequence[Content], frames: Frames, rate: float
 ) -> Mapping[str, Floor]:
-    """Return the floor of each video, by the first result that knows any."""
+    """Return name of the video -> its floor, from the first result that has floors."""
     for result in _results(contents):
         floors = _floors_of(result, frames, rate)
         if floors:
@@ -280,7 +280,7 @@ def _describe_ground(floors: Mapping[str, Floor]) -> str:
 def find_recordings(
     contents: Sequence[Content], frames: Frames
 ) -> tuple[list[list[int]], Integers]:
-    """Return the sequences that were seen at once, and the time (n,) of each frame.
+    """Group sequences that were seen at once; return them and the time (n,) of frames.
 
     The individuals of a video are its sequences, `video/individual`; or each is a file
     of shapes. Numbers of frames say what was seen at once, and what is missing. Others
@@ -307,13 +307,13 @@ def find_recordings(
         is_together = len(np.unique(frames.numbers[rows])) < len(rows)
         here = [members] if is_together else [[member] for member in members]
         for recording in here:
-            _place_frames(recording, frames, times)
+            _set_times(recording, frames, times)
         recordings += here
     return recordings, times
 
 
-def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> None:
-    """Set the times of a recording's frames, in place, by their numbers, if any.
+def _set_times(recording: Sequence[int], frames: Frames, times: Integers) -> None:
+    """Set, in `times`, the times of a recording's frames by their numbers, if any.
 
     Missing frames are gaps.
     """
@@ -335,19 +335,19 @@ def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> 
 
 
 def find_sides(names: Sequence[str]) -> list[int]:
-    """Return MIDDLE, LEFT_SIDE or RIGHT_SIDE for each name.
+    """Return MIDDLE, LEFT_SIDE or RIGHT_SIDE for each name of a landmark.
 
     What has no counterpart is in the middle.
     """
     sides = [MIDDLE] * len(names)
-    for left, right in pairs_of_sides(names):
+    for left, right in find_side_pairs(names):
         sides[left] = LEFT_SIDE
         sides[right] = RIGHT_SIDE
     return sides
 
 
-def _facts(timing: Timing, frames: Frames) -> Iterator[Fact]:
-    """Yield how many images there are, or sequences, individuals and frames."""
+def _count_facts(timing: Timing, frames: Frames) -> Iterator[Fact]:
+    """Yield the numbers of images, or of sequences, individuals and frames."""
     if not timing.is_video:
         yield {"text": counted(len(frames.items), "image")}
         return
@@ -366,7 +366,9 @@ def _facts(timing: Timing, frames: Frames) -> Iterator[Fact]:
     yield {"text": f"{timing.rate:.4g} Hz{assumed}"}
 
 
-def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[Fact]:
+def _quality_facts(
+    contents: Sequence[Content], layers: Sequence[Layer]
+) -> Iterator[Fact]:
     """Yield how many frames of each layer are trusted, and how large its errors are."""
     reasons_of = {content.name: content.values.get(REASONS) for content in contents}
     for layer in layers:
@@ -393,7 +395,7 @@ def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[F
 
 
 def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, by the frames of the page."""
+    """Return name of the video -> its floor, from a result; {} without any."""
     if not has_camera(result) or "metres_per_unit" not in result.values:
         return {}
     records = result.records
@@ -431,7 +433,7 @@ def _assumed_focal(result: Content) -> float | None:
 
 
 def _assumptions(result: Content) -> Iterator[str]:
-    """Yield what the metres of a result rest on and nobody measured, and what sets it.
+    """Yield sentences on what the metres of a result rest on, and on how to set it.
 
     Heights can be stated of people alone.
     """
@@ -466,9 +468,9 @@ def _edges(
     dictionary: Dictionary | None,
     landmarks: Sequence[str],
 ) -> list[list[int]]:
-    """Return lines between landmarks (pairs of indices), of the first that has any.
+    """Return the edges between landmarks of the page, as pairs of indices.
 
-    That is the dictionary, else the truth, shapes, others, else a skeleton.
+    They are those of the dictionary, else of the truth, shapes, others, or a skeleton.
     """
     by_role = sorted(contents, key=lambda content: content.role != "shapes")
     records = [content.records for content in (truth, *by_role) if content is not None]
@@ -478,7 +480,7 @@ def _edges(
     for edges, names in stated:
         if edges is None:
             continue
-        ends = columns_of(landmarks, names)[edges]
+        ends = find_places(landmarks, names)[edges]
         is_here = (ends >= 0).all(axis=1)
         if is_here.any():
             lines: list[list[int]] = ends[is_here].tolist()
@@ -487,7 +489,7 @@ def _edges(
 
 
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
-    """Return width and height of the images, by a file or a camera, or None.
+    """Return width and height of the images, from the first file that tells, or None.
 
     A camera has no size: twice its principal point is taken, where y points down.
     """

@@ -23,7 +23,8 @@ const blocks = (() => {
     }
 
     /**
-     * The function that gives a row as a Float64Array, NaN where a value is missing.
+     * The function from an index to that row of a block, a Float64Array with NaN where
+     * a value is missing.
      */
     function rows(block) {
         const size =
@@ -40,7 +41,7 @@ const blocks = (() => {
         };
     }
 
-    /** An address in the memory of the page of bytes {kind, data}. */
+    /** A URL of bytes that the page holds: {kind, a media type, data, in base64}. */
     function address({kind, data}) {
         const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
         return URL.createObjectURL(new Blob([bytes], {type: kind}));

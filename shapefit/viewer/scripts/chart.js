@@ -7,8 +7,8 @@ const chart = (() => {
     const MARK = 4;                                   // px of a row of doubtful frames
 
     /**
-     * The lowest and highest value, with their bands, of 98% of what is known; [0, 1]
-     * for nothing.
+     * [lowest, highest] of 98% of the known values of rows, bands included; [0, 1]
+     * where nothing is known.
      */
     function rangeOf(rows) {
         const ends = [-1, 1].map(
@@ -102,7 +102,7 @@ const chart = (() => {
         }
     }
 
-    /** The place in time, of `length`, that stands at `x` of `width`. */
+    /** The time, from 0 to length - 1, at x px of a chart that is `width` px wide. */
     function timeAt(x, width, length) {
         return Math.max(
             0,

@@ -35,6 +35,7 @@ const film = (() => {
         });
         const has = (frame) => Number.isFinite(places[frame]);
 
+        /** Take the film to its frame that goes with a frame of the page. */
         function seek(frame) {
             isOutside = !has(frame);
             if (isOutside) return;
@@ -43,13 +44,14 @@ const film = (() => {
             if (!isOnItsWay) set();
         }
 
+        /** Set the time of the film to the next place to try in the wanted frame. */
         function set() {
             clearTimeout(waiting);
             const [start, next] = [starts[wanted], starts[wanted + 1]];
             video.currentTime = start + SOUGHT[attempt] * (next - start);
         }
 
-        /** Take the frame that was sought, if it is the one that is shown. */
+        /** Arrive if the film shows the wanted frame; else try another place in it. */
         function take(place) {
             if (place === wanted) return arrive();
             const isBeside = video.currentTime >= starts[wanted] &&
@@ -60,6 +62,7 @@ const film = (() => {
             else arrive();
         }
 
+        /** Tell the page that the wanted frame is there. */
         function arrive() {
             clearTimeout(waiting);
             wanted = null;
@@ -76,6 +79,7 @@ const film = (() => {
         video.addEventListener('error', failed);
         video.addEventListener('ended', ended);
 
+        /** Copy each frame that the browser shows: it is passed, or the wanted one. */
         function follow(_, {mediaTime}) {
             video.requestVideoFrameCallback(follow);
             if (wanted === null && video.paused) return;
@@ -87,8 +91,8 @@ const film = (() => {
         video.requestVideoFrameCallback(follow);
 
         /**
-         * Copy what the film shows; which of its frames that is, `told` where the
-         * browser has no word, null where it shows nothing.
+         * Copy what the film shows; returns which of its frames that is, `told` where
+         * the browser does not say, null where it shows nothing.
          */
         function keep(told) {
             if (video.readyState < 2) return null;
@@ -123,8 +127,8 @@ const film = (() => {
     }
 
     /**
-     * The time of the frame that a film shows, null where the browser has no word: it
-     * may not know the class, or be between two frames.
+     * The time in seconds of the frame that a film shows, null where the browser does
+     * not say: it may not know the class, or be between two frames.
      */
     function timeOf(video) {
         if (!window.VideoFrame) return null;
@@ -138,7 +142,7 @@ const film = (() => {
         }
     }
 
-    /** The frame that begins nearest to a time, but for the end of the last. */
+    /** The index of the frame whose start is nearest to a time in seconds. */
     function placeAt(starts, seconds) {
         let [low, high] = [0, starts.length - 2];
         while (low < high) {

@@ -8,7 +8,8 @@ const geometry = (() => {
     const DEGREE = Math.PI / 180;
 
     /**
-     * Rx(pitch) Ry(yaw): walk around the object by yaw, then rise above it by pitch.
+     * The rotation Rx(pitch) Ry(yaw): walk around the object by yaw, then rise above it
+     * by pitch.
      */
     function viewRotation(yaw, pitch) {
         const [c, s] = [Math.cos(yaw * DEGREE), Math.sin(yaw * DEGREE)];

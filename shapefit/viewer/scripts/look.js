@@ -6,7 +6,7 @@ const look = (() => {
     const FONT = '12px system-ui, sans-serif';
     const colours = new Map();
 
-    /** A colour of the style, by name; the style is light or dark. */
+    /** The text of a colour of the style, by its name; the style is light or dark. */
     function text(name) {
         if (!colours.has(name))
             colours.set(
@@ -27,8 +27,8 @@ const look = (() => {
     }
 
     /**
-     * {context, width, height} in CSS pixels of a canvas that has the pixels it
-     * covers, and is empty.
+     * Empty a canvas and give it the pixels that it covers; returns {context, width,
+     * height} in CSS pixels.
      */
     function pen(canvas) {
         const [width, height, ratio] = [
@@ -43,7 +43,10 @@ const look = (() => {
         return {context, width, height};
     }
 
-    /** One result is coloured by its individuals, several by result. */
+    /**
+     * The name of a body's colour: of its individual where there is one result, else
+     * of its layer.
+     */
     function colourOf(data, layer, track) {
         if (layer.role === 'truth') return 'truth';
         const one = data.layers.filter(({role}) => role !== 'truth').length === 1;
@@ -81,8 +84,8 @@ const look = (() => {
     }
 
     /**
-     * The side of a line between two landmarks: theirs, unless they have different
-     * ones.
+     * The side of a line between two landmarks, 1 left and 2 right: theirs, but 0
+     * where they have different ones.
      */
     function sideOf(data, a, b = a) {
         const [first, second] = [data.sides?.[a] ?? 0, data.sides?.[b] ?? 0];
@@ -159,8 +162,8 @@ const look = (() => {
     }
 
     /**
-     * A soft shadow: the bones, or the landmarks where there are none, at places [x,
-     * y] on the ground.
+     * Draw a soft shadow of the bones, or of the landmarks where there are none, at
+     * places [x, y] on the ground.
      */
     function drawShadow(context, data, places) {
         const pairs =
@@ -178,6 +181,7 @@ const look = (() => {
     const markOf = (data) =>
         (data.landmarks.length > CROWD ? 2 : 3.5);  // radius of a landmark, px
 
+    /** Fill the path of a context with a colour. */
     function fill(context, tint, alpha = 1) {
         context.globalAlpha = alpha;
         context.fillStyle = tint;
@@ -194,6 +198,7 @@ const look = (() => {
         context.stroke();
     }
 
+    /** Draw the cross of a landmark that was judged to be wrong. */
     function cross(context, x, y) {
         stroke(context, text('untrusted'), 3, () => [-5, 5].forEach((side) => {
             context.moveTo(x - 5, y - side);
@@ -201,7 +206,7 @@ const look = (() => {
         }));
     }
 
-    /** A text that stands out from what is below it. */
+    /** Write a text that stands out from what is below it. */
     function write(context, words, x, y, tint = text('ink'), align = 'left') {
         [context.textAlign, context.textBaseline, context.lineJoin] =
             [align, 'middle', 'round'];
@@ -212,15 +217,15 @@ const look = (() => {
         context.fillText(words, x, y);
     }
 
-    /** 1, 2 or 5 times a power of ten, at least `least`. */
+    /** The smallest of 1, 2 and 5 times powers of ten that is at least `least`. */
     function niceStep(least) {
         const power = 10 ** Math.floor(Math.log10(least));
         return power * ([1, 2, 5].find((factor) => factor * power >= least) ?? 10);
     }
 
     /**
-     * A bar in the corner that is so long in a unit: zoom px are one. Metres below one
-     * are centimetres.
+     * Draw a bar in the corner, and how long it is in a unit: zoom px are one. Metres
+     * below one are centimetres.
      */
     function drawScale(context, height, zoom, unit) {
         const step = niceStep(70 / zoom);

@@ -11,7 +11,7 @@ const plane = (() => {
     const SAME_SIZE = 0.1;  // by which a film may differ from the image: a camera's
                             // principal point is not quite in the middle
 
-    /** Draw the moment of the view. */
+    /** Draw the landmarks at the time of view.frame, and what was fitted to them. */
     function draw(canvas, data, view) {
         const {context, width, height} = look.pen(canvas);
         const bodies = look.bodiesOf(data, view)
@@ -90,7 +90,7 @@ const plane = (() => {
         return {middle: own.middle, extent, fill: FILL};
     }
 
-    /** Width and height of what is under the landmarks, null where nothing is known. */
+    /** Width and height of the picture, film or image of the frame, null if unknown. */
     function imageOf(data, view) {
         const picture = data.pictures[view.frame];
         if (picture) return picture.size;
@@ -108,7 +108,7 @@ const plane = (() => {
         return [width, height].map((side) => (isCopy ? factor * side : side));
     }
 
-    /** The picture of the frame, where there is one, and the border of the image. */
+    /** Draw the picture of the frame, if there is one, and the border of the image. */
     function drawImage(context, data, view, at, zoom) {
         const size = imageOf(data, view);
         if (!size) return;
@@ -122,8 +122,8 @@ const plane = (() => {
     }
 
     /**
-     * Observed landmarks: discs, crosses where they were judged to be wrong, lines to
-     * where the model has them.
+     * Draw observed landmarks: discs, crosses where they were judged to be wrong, lines
+     * to where the model has them.
      */
     function drawObserved(context, data, frame, body, at) {
         const [observed, outliers] = [data.observed(frame), data.outliers(frame)];

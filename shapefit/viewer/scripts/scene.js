@@ -7,7 +7,7 @@ const scene = (() => {
     const LONG = 24;        // letters of a name that fit into the list
 
     /**
-     * The page with functions in place of its blocks.
+     * The scene of the page's JSON, with functions of a frame in place of its blocks.
      *
      * A recording has a row of frames for each of its tracks, one individual each, -1
      * where it is not there: tracks[i].frames[time]. A sequence that is alone is a
@@ -107,6 +107,7 @@ const scene = (() => {
         return geometry.box(corners, 2);
     }
 
+    /** A layer of the page, with functions of a frame in place of its blocks. */
     function openLayer(layer, meshes) {
         const row = (name) => (layer[name] ? blocks.rows(layer[name]) : () => null);
         const [points, pose, camera, fitted, sd] =
@@ -139,7 +140,7 @@ const scene = (() => {
     }
 
     /**
-     * The function that gives the blended vertices of a frame, null where it has none.
+     * The function from a frame to its blended vertices, null where it has none.
      */
     function openBlend({start, atom, weight}, mesh, pose) {
         const [starts, atoms, weights] = [start, atom, weight].map(blocks.numbers);
@@ -151,15 +152,16 @@ const scene = (() => {
         };
     }
 
+    /** The function from a frame to its text, of texts that were encoded. */
     function openWords({words, codes}) {
         const numbers = blocks.numbers(codes);
         return (frame) => words[numbers[frame]];
     }
 
     /**
-     * Names that differ where they are read: those longer than `long` without the words
-     * that all begin with, or without the letters where there are no such words; what
-     * is too long still is shown by both ends that tell it apart.
+     * Names, shortened so that they differ where they are read: those longer than
+     * `long` without the words that all begin with, or without the letters where there
+     * are no such words; what is too long still is shown by both its ends.
      */
     function short(names, long = LONG) {
         if (names.length > 1 && names.some(({length}) => length > long)) {

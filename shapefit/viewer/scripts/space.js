@@ -10,8 +10,8 @@ const space = (() => {
     const SHADES = 32;
 
     /**
-     * {upright, floor}: from space to the viewer's frame, before the camera turns, and
-     * where the floor is.
+     * {upright, floor}: the rotation of space after which y is up, and the y of the
+     * floor there, undefined if unknown.
      */
     function ground(data, view, bodies) {
         const pose =
@@ -21,7 +21,10 @@ const space = (() => {
             data.groundOf(view.frame);
     }
 
-    /** Draw the moment of the view; returns the points of its frame in px, by layer. */
+    /**
+     * Draw all bodies at the time of view.frame in 3D; returns the landmarks of that
+     * frame in px, by the names of layers.
+     */
     function draw(canvas, data, view) {
         const {context, width, height} = look.pen(canvas);
         const bodies =
@@ -115,8 +118,8 @@ const space = (() => {
     }
 
     /**
-     * The ground around a place, with a grid: of metres where the unit is one, else of
-     * round lengths.
+     * Draw the ground around a place, with a grid: of metres where the unit is one,
+     * else of round lengths.
      */
     function drawGrid(context, project, middle, height, reach, unit) {
         const tint = `rgb(${look.mixed('background', 'faint', 0.3)})`;
@@ -145,8 +148,8 @@ const space = (() => {
     }
 
     /**
-     * The camera as a frustum, whose far side is the frame of its image; one that is
-     * far away is drawn nearer. Returns the function that writes its name and its
+     * Draw the camera as a frustum, whose far side is the frame of its image; one that
+     * is far away is drawn nearer. Returns the function that writes its name and its
      * distance, which are to lie over the bodies; null where no camera is drawn.
      */
     function drawCamera(context, data, body, {base, middle, radius, project}) {
@@ -195,8 +198,8 @@ const space = (() => {
     }
 
     /**
-     * Triangles of all meshes that face the viewer, the far ones first, each in one
-     * shade; `deep` px are depths from 0 to 1.
+     * Draw the triangles of all meshes that face the viewer, the far ones first, each
+     * in one shade; `deep` px are depths from 0 to 1.
      */
     function drawMeshes(context, meshes, deep) {
         const triangles = [];

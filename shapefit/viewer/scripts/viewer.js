@@ -41,6 +41,7 @@
         due = true;
     }
 
+    /** Draw both panels and the chart, as the state is. */
     function draw() {
         due = false;
         if (data.layers.length) view.projected = space.draw($('space'), data, view);
@@ -118,12 +119,14 @@
         return {values, unit};
     }
 
+    /** "none", "doubtful" or "trusted": what a layer has for a frame. */
     const stateOf = (layer, frame) =>
         (!layer.has(frame)         ? 'none' :
              layer.reason?.(frame) ? 'doubtful' :
                                      'trusted');
 
     /* Frames. */
+    /** Show a frame: its sequence, its picture and film, and what is told of it. */
     function go(frame) {
         const before = data.sequenceOf(view.frame);
         view.frame = clamp(Math.round(frame), 0, data.count - 1);
@@ -139,8 +142,8 @@
     }
 
     /**
-     * The same individual at another time or, where it is not there, one that is; the
-     * times between have nobody.
+     * The frame at another time: of the same individual or, where it is not there, of
+     * one that is; where nobody is, that of the next time in steps of `step`.
      */
     function frameAt(wanted, step = 1) {
         const {tracks, length} = recording();
@@ -155,6 +158,7 @@
         return view.frame;
     }
 
+    /** Adapt the chart, the button to play and the ticks to the frame's recording. */
     function enterSequence() {
         const {length} = recording();
         $('chart').setAttribute('aria-valuemin', 1);
@@ -199,6 +203,7 @@
         $('list').value = data.video ? tracks[0].start : view.frame;
     }
 
+    /** The status and the numbers of a frame of a layer, in words. */
     function describe(layer, frame) {
         if (!layer.has(frame)) return layer.role === 'result' ? 'no shape' : '';
         const short = (value) =>
@@ -218,6 +223,7 @@
     }
 
     /* Playing. */
+    /** Begin to play, or stop; by default the other of what is. */
     function play(on = !view.playing) {
         const isOn = on && data.video && recording().length > 1;
         view.playing = null;
@@ -240,6 +246,7 @@
         if (!byFilm) requestAnimationFrame(advance);
     }
 
+    /** Without a film, show the frame that is due at a time in ms, again and again. */
     function advance(now) {
         if (!view.playing || view.playing.byFilm) return;
         const passed = (Math.max(0, now - view.playing.since) / 1000) *
@@ -252,9 +259,10 @@
         requestAnimationFrame(advance);
     }
 
+    /** Play on from the frame that is shown, if the page plays. */
     const restart = () => view.playing && begin();
 
-    /** The film shows one of its frames: so do the panels, in the same moment. */
+    /** Show, with a frame of the film that plays, its frame of the page. */
     function follow(place) {
         if (!view.playing?.byFilm) return;
         const {times, last} = placesOf(recording());
@@ -267,7 +275,7 @@
         draw();
     }
 
-    /** The film is over: what it has not is played without it, or all begins anew. */
+    /** At the end of the film, play on what it lacks, or begin anew. */
     function goRound() {
         if (!view.playing?.byFilm) return;
         record.running?.stop();
@@ -288,18 +296,20 @@
         return (recording.places = {times, last: Math.max(...times.keys())});
     }
 
-    /** The user goes to a frame; playing goes on from there. */
+    /** Go to a frame as the user asks; playing goes on from there. */
     function jump(frame) {
         go(frame);
         restart();
     }
 
+    /** Go to the first frame of the sequence that is `step` further in the list. */
     const jumpSequence = (step) =>
         jump(data
                  .sequences[clamp(
                      data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)]
                  .start);
 
+    /** Go to the next frame that is not trusted, if there is one. */
     function jumpDoubtful() {
         const isUntrusted = (frame) =>
             visible(frame) && shown().some((layer) => layer.reason?.(frame));
@@ -307,9 +317,11 @@
     }
 
     /* The camera. */
+    /** Turn the view in 3D by degrees. */
     const turn = (yaw, pitch) =>
         change({yaw: view.yaw + yaw, pitch: clamp(view.pitch + pitch, -90, 90)});
 
+    /** Magnify the panel in 3D, or by `planeZoom` that of the image. */
     const zoom = (factor, name = 'zoom') =>
         change({[name]: clamp(view[name] * factor, 0.05, 50)});
 
@@ -373,7 +385,7 @@
         (factor) => zoom(factor, 'planeZoom'));
 
     /* Pictures and videos of the panels. */
-    /** Draw the panels, side by side, into one canvas. */
+    /** Draw the panels, side by side, into a canvas, which is returned. */
     function paint(target) {
         const panels =
             [data.layers.length && $('space'), data.flat && $('plane')].filter(Boolean);
@@ -390,6 +402,7 @@
         return target;
     }
 
+    /** Save a blob as a file that is named after the page. */
     function download(blob, ending) {
         const link = Object.assign(
             document.createElement('a'),
@@ -427,6 +440,7 @@
     }
 
     /* Keys. */
+    /** Go `count` times on, or back where it is negative. */
     const step = (count) => jump(frameAt(time() + count, Math.sign(count)));
     const KEYS = {
         ' ': () => play(),
@@ -466,7 +480,8 @@
 
     /* Controls. */
     /**
-     * A tick for a layer or an individual, which is taken out of a set or put into it.
+     * The label with a tick box for a layer or an individual; changed(checked) is
+     * called when the user changes it.
      */
     function choice(colour, text, shorter, checked, changed) {
         const [row, box, patch, name] =
@@ -484,8 +499,8 @@
     }
 
     /**
-     * Ticks for several layers, and for several individuals; the one whose frames are
-     * shown stays.
+     * Make tick boxes for several layers, and for several individuals; the one whose
+     * frames are shown stays.
      */
     function fillLayers() {
         const {tracks} = recording();
@@ -508,7 +523,7 @@
     }
 
     /**
-     * The drop-down list: recordings of videos, else images, by names that differ
+     * Fill the drop-down list: recordings of videos, else images, by names that differ
      * where they are read.
      */
     function fillList() {
@@ -586,7 +601,10 @@
     window.addEventListener('resize', () => change());
     window.addEventListener('hashchange', followLink);
 
-    /** Go to the item that the address names: page.html#item=NAME. */
+    /**
+     * Go to the item that the address names, page.html#item=NAME; returns whether there
+     * is one.
+     */
     function followLink() {
         const item = new URLSearchParams(location.hash.slice(1)).get('item');
         const frame = item === null ? -1 : data.items.indexOf(item);
@@ -605,6 +623,7 @@
         paint: () => paint(document.createElement('canvas')),
     };
 
+    /** Open the film of the page; a note says so where the browser cannot play it. */
     function openFilm() {
         const noted = 'This browser does not play the film; all play H.264 in MP4.';
         view.film = film.open(data.film, {

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from shapefit.io.readers.declared import checked
+from shapefit.io.readers.declared import check_json
 from shapefit.io.readers.poses import FormatError
 
 
@@ -20,4 +20,4 @@ from shapefit.io.readers.poses import FormatError
 )
 def test_lists_of_another_length_are_errors_of_the_format(kind: Any, content: Any):
     with pytest.raises(FormatError):
-        checked(kind, content)
+        check_json(kind, content)

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from shapefit.errors import InputError
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.options import OutputOptions
-from shapefit.io.writers.metres import find_stature, in_metres
+from shapefit.io.writers.metres import convert_to_metres, find_stature
 from shapefit.records import Fit
 from tests.columns import put
 
@@ -17,7 +17,7 @@ EXTRINSICS = ("extrinsic_rotation", "extrinsic_translation")
 
 def points_in_metres(record, options=NOTHING):
     """Return the points (n, 3, p) that are written of a record."""
-    return in_metres(record, options, "man.trc").points
+    return convert_to_metres(record, options, "man.trc").points
 
 
 def assert_near(points, expected):
@@ -57,7 +57,7 @@ def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, per_image)
     result = facing(scene.result, y_axis)
     if per_image:
         result = extrinsics_of_each_image(result)
-    placed = in_metres(result, NOTHING, "man.trc")
+    placed = convert_to_metres(result, NOTHING, "man.trc")
     tilted = points_in_metres(result, OutputOptions(up="y"))
     assert_near(placed.points, scene.y_up)
     assert placed.axes == "y up, the axis z of the extrinsics; position from the camera"
@@ -77,7 +77,7 @@ def test_without_extrinsics_the_camera_is_the_origin(scene, y_axis):
 def test_the_axis_that_is_up_needs_extrinsics(scene):
     result = scene.result.without(EXTRINSICS)
     with pytest.raises(InputError, match=r"^up: the result has no extrinsics"):
-        in_metres(result, OutputOptions(up="z"), "man.trc")
+        convert_to_metres(result, OutputOptions(up="z"), "man.trc")
 
 
 def centred(points):
@@ -87,7 +87,7 @@ def centred(points):
 @pytest.mark.parametrize("y_axis", ["down", "up"])
 def test_weak_perspective_keeps_the_body_and_stands_it_on_the_ground(scene, y_axis):
     result = facing(scene.result, y_axis).without(["camera_translation"])
-    placed = in_metres(result, NOTHING, "man.trc")
+    placed = convert_to_metres(result, NOTHING, "man.trc")
     lowest = placed.points[:, 1].min()
     first_middle = placed.points[0].mean(axis=1)
     assert_near(centred(placed.points), centred(scene.y_up))
@@ -117,7 +117,7 @@ def test_a_size_by_spread_is_one_for_the_sequence(scene):
 @pytest.mark.parametrize("missing", [[], ["metres_per_unit"]])
 def test_height_sets_the_size(scene, missing):
     result = scene.result.without(missing)
-    placed = in_metres(result, OutputOptions(height=1.5), "man.trc")
+    placed = convert_to_metres(result, OutputOptions(height=1.5), "man.trc")
     stature = find_stature(placed.points, result.landmark_names)
     assert_allclose(stature, 1.5, rtol=1e-9)
     assert placed.size == "height 1.5 m"
@@ -149,7 +149,7 @@ def state_heights(result, heights):
 def test_the_height_that_a_result_states_sets_the_size(scene):
     """Failed images have none."""
     result = state_heights(scene.result, [1.5, np.nan, 1.5, 1.5])
-    placed = in_metres(result, NOTHING, "man.trc")
+    placed = convert_to_metres(result, NOTHING, "man.trc")
     stature = find_stature(placed.points, result.landmark_names)
     assert_allclose(stature, 1.5, rtol=1e-9)
     assert placed.size == "height 1.5 m"
@@ -157,13 +157,13 @@ def test_the_height_that_a_result_states_sets_the_size(scene):
 
 def test_a_height_that_is_given_goes_before_the_stated_one(scene):
     result = state_heights(scene.result, [1.5] * 4)
-    placed = in_metres(result, OutputOptions(height=1.9), "man.trc")
+    placed = convert_to_metres(result, OutputOptions(height=1.9), "man.trc")
     assert placed.size == "height 1.9 m"
 
 
 def test_without_any_stated_height_the_size_is_that_of_the_training_shapes(scene):
     result = state_heights(scene.result, [np.nan] * 4)
-    placed = in_metres(result, NOTHING, "man.trc")
+    placed = convert_to_metres(result, NOTHING, "man.trc")
     assert_near(placed.points, scene.y_up)
     assert placed.size == "the size of the training shapes"
 
@@ -207,7 +207,7 @@ def test_of_failed_items_alone_nothing_is_known(scene, missing, options):
 
 
 def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
-    placed = in_metres(shapes, NOTHING, "walk.trc")
+    placed = convert_to_metres(shapes, NOTHING, "walk.trc")
     assert_near(placed.points, scene.world)
     assert placed.axes == "axes as in the shapes"
 
@@ -221,7 +221,7 @@ def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
 )
 def test_pixels_are_never_written_as_lengths(scene, options, message):
     with pytest.raises(InputError, match=message):
-        in_metres(scene.result.without(["metres_per_unit"]), options, "man.trc")
+        convert_to_metres(scene.result.without(["metres_per_unit"]), options, "man.trc")
 
 
 def test_shapes_are_turned_where_the_axis_that_is_up_is_given(scene, shapes):
@@ -233,9 +233,9 @@ def test_shapes_of_unknown_unit_are_refused(shapes):
     unknown = shapes.replaced(unit="unknown")
     fix = r"walk\.trc: .*not known .*; give it, .* or `unit=m`"
     with pytest.raises(InputError, match=fix):
-        in_metres(unknown, NOTHING, "walk.trc")
+        convert_to_metres(unknown, NOTHING, "walk.trc")
     with pytest.raises(InputError, match=r"the unit is elephant"):
-        in_metres(unknown, OutputOptions(unit="elephant"), "walk.trc")
+        convert_to_metres(unknown, OutputOptions(unit="elephant"), "walk.trc")
 
 
 def test_a_given_unit_is_that_of_shapes_without_one(scene, shapes):
@@ -255,18 +255,18 @@ def test_a_unit_that_contradicts_the_file_is_refused(scene):
     millimetres = scene.result.replaced(unit="mm")
     fault = "the shapes are in mm, not in m; leave it out"
     with pytest.raises(InputError, match=fault):
-        in_metres(millimetres, OutputOptions(unit="m"), "man.trc")
+        convert_to_metres(millimetres, OutputOptions(unit="m"), "man.trc")
 
 
 def test_the_unit_that_the_file_states_may_be_given(scene):
     millimetres = scene.result.replaced(unit="mm")
-    in_metres(millimetres, OutputOptions(unit="mm"), "man.trc")
+    convert_to_metres(millimetres, OutputOptions(unit="mm"), "man.trc")
 
 
 def test_a_world_in_millimetres_is_suspected(scene):
     far = 1000 * scene.result.column("extrinsic_translation")
     result = put(scene.result, {}, {"extrinsic_translation": far})
-    (warning,) = in_metres(result, NOTHING, "man.trc").warnings
+    (warning,) = convert_to_metres(result, NOTHING, "man.trc").warnings
     assert warning.startswith("the camera is 4006 m from the origin of its world")
 
 
@@ -274,4 +274,4 @@ def test_extrinsics_of_another_shape_are_refused(scene):
     wrong = {"extrinsic_rotation": np.eye(4)}
     damaged = put(scene.result.without(EXTRINSICS), {}, wrong)
     with pytest.raises(InputError, match=r"extrinsic_rotation has the shape \(4, 4\)"):
-        in_metres(damaged, NOTHING, "man.trc")
+        convert_to_metres(damaged, NOTHING, "man.trc")

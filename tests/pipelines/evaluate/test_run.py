@@ -193,7 +193,13 @@ STARTS = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
 """Format -> the first bytes of its files."""
 
 
-@pytest.mark.parametrize("plots", STARTS)
+PLOTS = ["svg"] + [
+    pytest.param(plots, marks=pytest.mark.slow) for plots in ("png", "pdf")
+]
+"""Formats of figures, of which matplotlib takes longer to draw two."""
+
+
+@pytest.mark.parametrize("plots", PLOTS)
 def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
     desk.write("convex.h5", with_bars)
     *_, last = desk.run(plots=plots)
@@ -209,7 +215,7 @@ def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
     assert "<script" not in page
 
 
-@pytest.mark.parametrize("plots", STARTS)
+@pytest.mark.parametrize("plots", PLOTS)
 def test_figures_and_page_are_the_same_bytes_again(desk, with_bars, plots):
     desk.write("convex.h5", with_bars)
     desk.run(plots=plots)
@@ -249,6 +255,17 @@ def test_without_matplotlib_there_are_tables_and_a_note(desk, without_matplotlib
 def test_without_plots_matplotlib_is_not_missed(desk, without_matplotlib):
     *_, last = desk.run(plots="none")
     assert last.warnings == ()
+
+
+def test_files_of_an_earlier_report_are_named(desk, with_bars, results):
+    desk.write("convex.h5", with_bars)
+    desk.run(plots="png")
+    desk.write("convex.h5", results)
+    *_, last = desk.run(plots="none")
+    (warning,) = last.warnings
+    assert "bars.png" in warning
+    assert "error_bars.json" in warning
+    assert "of an earlier report" in warning
 
 
 def test_every_number_that_people_read_is_in_one_unit(desk, truth, results):

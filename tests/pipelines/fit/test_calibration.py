@@ -105,7 +105,7 @@ def estimate(planted, images, **prior):
     with pytest.raises(StopIteration) as end:
         next(steps)
     settled = end.value.value
-    return settled, settled.keys_of(config)["prior"]
+    return settled, settled.config_values(config)["prior"]
 
 
 def tells_of_the_prior(settled):
@@ -223,11 +223,11 @@ def test_a_sample_has_no_images_of_four_landmarks(planted):
 
 
 ONCE_IN_A_RUN = {
+    "calibrate_by_sample": posterior,
     "choose_camera": calibration,
     "draw_sample": sample,
     "find_joints": joints,
     "match_names": choices,
-    "settle_by_sample": posterior,
 }
 """Function -> the module that calls it."""
 

@@ -19,7 +19,7 @@ from shapefit.pipelines.fit.camera import (
     camera_factory,
     choose_camera,
     find_camera,
-    undistorted,
+    remove_distortion,
 )
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import verify_results as run_verify
@@ -328,8 +328,8 @@ def test_a_result_says_which_lens_was_removed(straight, bent, fit_cars):
 
 
 def test_a_lens_is_removed_once(bent):
-    once = undistorted(bent, None)
-    twice = undistorted(once, None)
+    once = remove_distortion(bent, None)
+    twice = remove_distortion(once, None)
     assert_array_equal(twice.landmarks, once.landmarks)
 
 
@@ -381,7 +381,7 @@ def test_cameras_of_single_images_and_y_that_points_up(straight, bent):
     up = bent.replaced(
         landmarks=bent.landmarks * flip, y_axis="up", extras=extras, file_extras={}
     )
-    result = undistorted(up, None)
+    result = remove_distortion(up, None)
     assert_allclose(result.landmarks * flip, straight.landmarks, atol=1e-8)
     assert result.column("removed_distortion").shape == (4, 5)
 

@@ -17,8 +17,8 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.choices import (
     MAX_USUAL_ATOM_NORM,
     MIN_SEQUENCE_FRAMES,
+    are_in_sequences,
     choose_method,
-    in_sequences,
     warn_of_dictionary,
 )
 from shapefit.records import Landmarks
@@ -51,7 +51,7 @@ def chosen(tmp_path):
         }
         config = load_config("fit", None, overrides, files)
         read = read_dictionary(config.dictionary)
-        return choose_method(config, read, lambda: in_sequences(config))
+        return choose_method(config, read, lambda: are_in_sequences(config))
 
     return find
 

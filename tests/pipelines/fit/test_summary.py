@@ -12,7 +12,7 @@ from shapefit.pipelines.fit.summary import (
     MISNAMED_SHARE,
     Tally,
     find_viewed,
-    say_gap,
+    format_gap,
     warn_of_names,
 )
 from shapefit.records import Fit
@@ -164,7 +164,7 @@ GAPS = [
 
 @pytest.mark.parametrize(("largest_gap", "missed", "said"), GAPS)
 def test_gaps_are_said(largest_gap, missed, said):
-    assert say_gap(largest_gap, missed) == said
+    assert format_gap(largest_gap, missed) == said
 
 
 class TestFilesToView:

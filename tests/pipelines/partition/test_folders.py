@@ -136,7 +136,7 @@ class TestOneRunAtATime:
         """Between opening and locking it."""
         import fcntl
 
-        from shapefit.pipelines.partition.manifest import locked
+        from shapefit.pipelines.partition.manifest import hold_lock
 
         real, calls = fcntl.flock, []
 
@@ -148,7 +148,7 @@ class TestOneRunAtATime:
             real(file, how)
 
         monkeypatch.setattr(fcntl, "flock", removed_first)
-        with locked(OUT):
+        with hold_lock(OUT):
             assert (OUT / ".lock").exists()
         assert len(calls) == 2
 
