@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from shapefit.io.arrange import arrange
 from shapefit.io.names import match_landmarks
-from shapefit.io.readers.items import with_landmarks
+from shapefit.io.readers.items import keep_shape_landmarks
 from shapefit.records import Shapes
 
 
@@ -94,18 +94,18 @@ def bones_of(shapes):
 )
 def test_what_is_kept_of_a_tree_hangs_on_the_nearest_ancestor(rng, names, bones):
     shapes = chain(rng, edges=CHAIN)
-    kept = with_landmarks(shapes, names)
+    kept = keep_shape_landmarks(shapes, names)
     assert kept.landmark_names == names
     assert bones_of(kept) == bones
 
 
 def test_what_is_kept_of_edges_that_are_no_tree_has_those_that_are_whole(rng):
     ring = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [2, 3]])
-    kept = with_landmarks(chain(rng, edges=ring), ("hip", "toe"))
+    kept = keep_shape_landmarks(chain(rng, edges=ring), ("hip", "toe"))
     assert bones_of(kept) == {("hip", "toe")}
 
 
 def test_what_is_kept_knows_of_no_mirror(rng):
     """The partner of a landmark may be gone."""
     paired = chain(rng, mirror_index=np.array([1, 0, 2, 3, 4]))
-    assert with_landmarks(paired, ("hip", "toe")).mirror_index is None
+    assert keep_shape_landmarks(paired, ("hip", "toe")).mirror_index is None
