@@ -22,7 +22,7 @@ from shapefit.io import inputs
     ],
 )
 def test_a_size_has_three_digits_and_the_largest_unit_that_it_fills(size, words):
-    assert inputs.in_words(size) == words
+    assert inputs.format_bytes(size) == words
 
 
 class TestFreeMemory:
