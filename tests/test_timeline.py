@@ -54,10 +54,15 @@ def test_times_of_a_rate_in_use_say_it_exactly(rate, decimals):
     assert rate_of(1 / rate, decimals=decimals) == rate
 
 
-@pytest.mark.parametrize("rate", [30.0, 60.0, 120.0])
+@pytest.mark.parametrize("rate", [24.0, 30.0, 60.0, 120.0])
 def test_times_that_are_rounded_say_the_rate_by_all_of_their_steps(rate):
     """At 30 Hz most steps are 0.0333 s, which is 30.03 Hz."""
     assert rate_of(1 / rate, decimals=4) == rate
+
+
+def test_a_median_step_near_a_rate_of_television_does_not_decide():
+    """At 240 Hz it is 0.00417 s, which is 239.8 Hz."""
+    assert rate_of(1 / 240, decimals=5) == 240.0
 
 
 @pytest.mark.parametrize("whole", [24, 30, 60, 120])

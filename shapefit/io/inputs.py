@@ -236,5 +236,6 @@ def free_memory() -> int:
 def format_bytes(size: int) -> str:
     """Return a number of bytes as a person reads it: 6.7 GB."""
     units = ("bytes", "kB", "MB", "GB", "TB", "PB")
-    power = min((len(str(size)) - 1) // 3, len(units) - 1)
-    return f"{size / 1000**power:.3g} {units[power]}"
+    rounded = int(float(f"{size:.3g}"))
+    power = min((len(str(rounded)) - 1) // 3, len(units) - 1)
+    return f"{rounded / 1000**power:.3g} {units[power]}"

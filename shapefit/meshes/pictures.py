@@ -493,6 +493,8 @@ def draw_solid(axes: Axes, vertices: Floats, faces: Integers) -> None:
     normals = normals / np.maximum(lengths, 1e-30)
     far_first = np.argsort(corners[:, :, 2].sum(axis=1), kind="stable")
     visible = far_first[normals[far_first, 2] > 0]
+    if not len(visible):  # an open mesh, seen from behind
+        return
     brightness = SHADOW + GLEAM * np.clip(normals[visible] @ LIGHT, 0, 1)
     colours = np.clip(brightness[:, None] * to_rgb(MESH_COLOUR), 0, 1)
     x, y = corners[visible, :, :2].reshape(-1, 2).T

@@ -225,6 +225,14 @@ def test_near_faces_are_drawn_over_far_ones(image, box_faces):
         assert len(shades) == 3
 
 
+def test_of_an_open_mesh_seen_from_behind_nothing_is_drawn(image, box_faces):
+    """Of one side of the box, which one of the two views does not see."""
+    side = box_faces[8:10]
+    _, *sides = contact_sheet([image], DrawnModel("down", side)).axes
+    drawn = [len(axes.collections) for axes in sides]
+    assert sorted(drawn) == [0, 1]
+
+
 class TestEdges:
     """They are drawn where there is no mesh."""
 
