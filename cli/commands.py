@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
@@ -503,6 +502,8 @@ def config(command: str, section: str, as_json: bool) -> int:
 
 def format_keys(table: Sequence[KeyInWords], width: int) -> str:
     """Return config keys with their meanings as lines of text of at most `width`."""
+    from textwrap import wrap
+
     lines = []
     for row in table:
         default = row.default if row.default == "required" else f"default {row.default}"

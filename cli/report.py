@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
@@ -271,6 +270,8 @@ class Report:
 
     def _summary(self) -> Iterator[str]:
         """Yield the lines of the summary, each text after its label."""
+        from textwrap import wrap  # which a run with -q need not wait for
+
         rows = self._rows()
         next_command = rows.pop("Next")
         failed = f", {self.failed} failed" if self.failed else ""

@@ -20,7 +20,7 @@ from shapefit import core
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.checks import input_problems
-from shapefit.io.inputs import read_text_blocks, source_name
+from shapefit.io.inputs import BYTE_ORDER_MARK, read_text_blocks, source_name
 from shapefit.records.names import as_composed
 
 ROWS = 1 << 12
@@ -210,10 +210,13 @@ def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
         if end > MIN_SKIPPED_BYTES and line > 1 and not data[:end].strip():
             line += data.count(b"\n", 0, end)
         elif end:
+            whole_lines = data[:end]
+            if line == 1:
+                whole_lines = whole_lines.removeprefix(BYTE_ORDER_MARK)
             try:
-                text = data[:end].decode("utf-8-sig" if line == 1 else "utf-8")
+                text = whole_lines.decode()
             except UnicodeDecodeError as error:
-                line += data.count(b"\n", 0, error.start)
+                line += whole_lines.count(b"\n", 0, error.start)
                 fix = "save it as CSV in UTF-8"
                 raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
             yield line, as_composed(text)
