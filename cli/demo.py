@@ -106,7 +106,10 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
     from shapefit.pipelines.view.run import write_page
 
     with staged_files(folder) as staging:
-        shutil.copytree(samples, staging / SAMPLES)
+        copies = staging / SAMPLES
+        copies.mkdir()
+        for sample in samples.iterdir():
+            shutil.copyfile(sample, copies / sample.name)
     result = as_typed(folder / RESULT)
     line = FIT.format(openpose=as_typed(folder / SAMPLES), result=result)
     yield Result(line=f"$ {line}")

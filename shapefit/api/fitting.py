@@ -294,7 +294,8 @@ def _landmarks_of_array(
         poses = poses_from_array(place, points, landmark_names=tuple(names))
     else:
         poses = poses_from_array(place, points)
-    images, _ = poses_to_landmarks(poses, input_options(config))
+    images, notes = poses_to_landmarks(poses, input_options(config))
+    warn(f"landmarks: {note}" for note in notes)
     return images
 
 

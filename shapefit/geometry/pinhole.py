@@ -168,6 +168,8 @@ def distort(
 def is_assumed_focal(focal: ArrayLike, size: ArrayLike) -> bool:
     """Whether focal lengths are what is assumed for images of this size, in pixels.
 
-    Both of any shape; the largest of each counts.
+    Both of any shape; the largest of each counts. False where there are none.
     """
+    if not np.size(focal) or not np.size(size):
+        return False
     return bool(np.isclose(np.max(focal), ASSUMED_FOCAL * np.max(size)))

@@ -130,7 +130,7 @@ def read_text_blocks(path: Path, *, live: bool = False) -> Iterator[bytes]:
     name = source_name(path)
     if live:
         assert is_stream(path), "nothing else stays open"
-        stdin = cast(BufferedReader, sys.stdin.buffer)
+        stdin = _open_stdin()
         blocks = iter(partial(stdin.read1, BLOCK_BYTES), b"")
     else:
         blocks = _read_blocks(path, BLOCK_BYTES)
@@ -163,7 +163,7 @@ def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
     Raises InputError for text that cannot be unpacked, and at the place where it has
     become too large for the bytes that were read of its file.
     """
-    with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
+    with nullcontext(_open_stdin()) if is_stream(path) else path.open("rb") as file:
         if not _is_gzip(path):
             yield from iter(partial(file.read, block_bytes), b"")
             return
@@ -176,6 +176,13 @@ def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             fix = "the file may be cut off or damaged: copy or make it again"
             raise input_error(path, f"cannot be unpacked ({error})", fix) from error
+
+
+def _open_stdin() -> BufferedReader:
+    """Return the bytes of standard input; InputError where the shell has closed it."""
+    if sys.stdin is None:
+        raise input_error("standard input", "is closed", "name a file to read instead")
+    return cast(BufferedReader, sys.stdin.buffer)
 
 
 def _is_gzip(path: Path) -> bool:

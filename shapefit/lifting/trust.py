@@ -271,6 +271,9 @@ MEASURED_ERROR_SHARE = 0.77
 single images 0.78, whole sequences 0.75.
 """
 
+MIN_ALIGNED_LANDMARKS = 3
+"""Fewest whose 3p coordinates are more than the 7 directions of an alignment."""
+
 IMAGES_AT_ONCE = 128
 """Whose expected errors are found together: their covariances stay in the cache."""
 
@@ -289,13 +292,16 @@ def expected_error(
         E ||d|| = sqrt(tr A) (1 - tr(A^2) / (4 tr(A)^2)).
 
     shapes (n, 3, p); covariance C (n, 3p, 3p), all x first, then y, then z; shown (p,),
-    landmarks that count, all by default; returns (n,), nan where either is not finite.
+    landmarks that count, all by default; returns (n,), nan where either is not finite,
+    or where fewer than 3 landmarks count, all of which an alignment takes off.
     """
     if shown is not None and not shown.all():
         rows = np.flatnonzero(np.tile(shown, 3))
         shapes = shapes[..., shown]
         covariance = covariance[:, rows[:, None], rows]
     n, _, p = shapes.shape
+    if p < MIN_ALIGNED_LANDMARKS:
+        return np.full(n, np.nan)
     if n > IMAGES_AT_ONCE:
         parts = [
             slice(start, start + IMAGES_AT_ONCE)

@@ -162,6 +162,14 @@ def test_y_axis_acts_on_landmarks_of_a_skeleton():
     assert fit.y_axis == "up"
 
 
+def test_an_image_of_a_detector_without_a_landmark_is_told():
+    images = np.random.default_rng(0).uniform(0, 500, (3, 17, 2))
+    images[1] = np.nan
+    with pytest.warns(UserWarning, match="landmarks: 1 item without a landmark left"):
+        fit = shapefit.fit(images, keypoints="coco_17", method="convex")
+    assert fit.frames.tolist() == [0, 2]
+
+
 def test_a_y_axis_that_contradicts_the_landmarks_is_refused(atoms, images):
     fault = r"y points down, and up in the land"
     with pytest.raises(shapefit.InputError, match=fault):

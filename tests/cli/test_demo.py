@@ -1,7 +1,10 @@
 """`shapefit demo`: the commands that it shows are those that it runs."""
 
+import errno
 import json
 import shlex
+import shutil
+from unittest.mock import Mock
 
 import pytest
 from shapefit.cli.main import run
@@ -59,6 +62,15 @@ def test_a_detection_that_was_changed_is_not_replaced(
     (tmp_path / "there/openpose" / name).write_text('{"people": []}')
     assert run(["demo", "there"]) == 2
     assert f"such as {name}" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    full = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(shutil, "copyfile", Mock(side_effect=full))
+    assert run(["demo"]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_installation_without_sample_data_says_so(tmp_path, monkeypatch, capsys):

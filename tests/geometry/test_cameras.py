@@ -304,6 +304,7 @@ FOCAL_LENGTHS = [
     (ASSUMED_FOCAL * 1080, False),
     (ASSUMED_FOCAL * 1920 + 1, False),
     (1920.0, False),
+    (np.empty((0, 2)), False),
 ]
 
 

@@ -1,10 +1,12 @@
 """Tidy tables: what each fault says."""
 
+import sys
 from pathlib import Path
 
 import pytest
 from numpy.testing import assert_array_equal
 
+from shapefit.errors import InputError
 from shapefit.io import (
     inputs,
     open_landmarks,
@@ -220,3 +222,9 @@ def test_hdf5_does_not_come_through_a_pipe(
     (line,) = problems(read_views, pipe)
     fix = "name the file itself, or send CSV"
     assert line == f"{pipe}: is HDF5, which cannot come through a pipe; {fix}"
+
+
+def test_standard_input_that_is_closed_is_told(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(InputError, match="standard input: is closed"):
+        next(inputs.read_text_blocks(Path("-")))

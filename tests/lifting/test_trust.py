@@ -224,6 +224,14 @@ def test_what_is_not_finite_has_no_expected_error():
     assert np.isnan(expected_error(shapes, covariance)).all()
 
 
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_an_alignment_leaves_no_error_of_two_landmarks(count):
+    shapes = np.ones((2, 3, 4))
+    covariance = np.tile(np.eye(12), (2, 1, 1))
+    shown = np.arange(4) < count
+    assert np.isnan(expected_error(shapes, covariance, shown)).all()
+
+
 class TestMirrorImages:
     """Where near and far are not told apart, a shape and its mirror image are equally
     likely.

@@ -47,8 +47,12 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
 
     Gaps are bridged in straight lines.
 
-    Raises InputError where no edge joins two landmarks that have a place.
+    Raises InputError where there is no frame, or no edge joins two landmarks that have
+    a place.
     """
+    if not len(motion.points):
+        fix = "give a file with images, or write CSV or TRC"
+        raise input_error(path.name, "there is no frame to write", fix)
     points = _bridge_gaps(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
     edges = _renumber_edges(motion.edges, placed)

@@ -97,7 +97,9 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
         motion.landmark_names,
         number_repeats(names),
     )
-    with h5py.File(path, "w", track_order=True) as file:
+    # HDF5 that meets a full disk cannot be closed, and crashes: the file is made first.
+    in_memory = {"driver": "core", "backing_store": False}
+    with h5py.File(path, "w", track_order=True, **in_memory) as file:
         file.attrs["ds_type"] = "poses"
         file.attrs["source_software"] = "shapefit"
         file.attrs["time_unit"] = "seconds" if motion.is_rate_known else "frames"
@@ -117,6 +119,9 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
                 dataset.dims[number].attach_scale(file[axis])
             if name != "confidence":
                 dataset.attrs["units"] = "m"
+        file.flush()
+        content = file.id.get_file_image()
+    path.write_bytes(content)
 
 
 def gather_poses(motions: Sequence[FileMotion], first: int, f: int) -> MovementPoses:

@@ -320,11 +320,12 @@ def split_into_clips(sequences: Sequence[str]) -> list[slice]:
     """Return slices of images to refine together: of one sequence, not too many.
 
     Equal neighbours in `sequences` (n,), divided where they are more than
-    MAX_CLIP_FRAMES.
+    MAX_CLIP_FRAMES. An image without a sequence is by itself.
     """
     values = np.array(sequences, dtype=object)
+    begins = (values[1:] != values[:-1]) | (values[1:] == "")
     slices = []
-    for sequence in split_runs(values[1:] != values[:-1], len(values)):
+    for sequence in split_runs(begins, len(values)):
         frames = sequence.stop - sequence.start
         pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):

@@ -409,6 +409,11 @@ def _select_best_individual(
         for name in sorted(medians, key=medians.__getitem__):
             is_omitted |= (names == name) & np.isin(rows, taken)
             taken = np.union1d(taken, rows[(names == name) & has_truth])
+    for name in np.unique(names[is_omitted]):
+        is_of_name = names == name
+        # Whoever is left out wherever there is a truth has no failed images.
+        if is_omitted[is_of_name & has_truth].all():
+            is_omitted |= is_of_name
     warnings = []
     if is_omitted.any():
         who = abbreviate(np.unique(names[is_omitted]).tolist())

@@ -290,12 +290,24 @@ def warn_of_names(tally: Tally, plan: FitPlan) -> Iterator[Counted]:
     shown = np.maximum(tally.visible, MIN_IMAGES_OF_NAME)
     for j in np.flatnonzero(tally.outliers > MISNAMED_SHARE * shown):
         in_file = plan.match.joints.markers.get(names[j], (names[j],))
-        name = " and ".join(in_file)
-        text = (
+        yield Counted(int(tally.outliers[j]), "image", describe_misnamed(in_file))
+
+
+def describe_misnamed(names: Sequence[str]) -> str:
+    """Say that landmarks of the files, which make one joint, contradict the model."""
+    if len(names) == 1:
+        (name,) = names
+        return (
             f"in which {name} contradicts the model: rename it if it is another point"
             f" of the body, or leave it out with `rename={{{name}: unused}}`"
         )
-        yield Counted(int(tally.outliers[j]), "image", text)
+    unused = ", ".join(
+        f"{name}: unused_{number}" for number, name in enumerate(names, 1)
+    )
+    return (
+        f"in which {' and '.join(names)} contradict the model: rename them if they are"
+        f" other points of the body, or leave them out with `rename={{{unused}}}`"
+    )
 
 
 def summary_rows(

@@ -39,6 +39,9 @@ def find_last_sequence(images: Landmarks, first: int, begun: set[str]) -> int:
         raise input_error("method: sequences", "landmarks without `sequence`", fix)
     last = 0
     for row in range(first, len(images)):
+        if not names[row]:
+            last = row
+            continue
         if row and names[row] == names[row - 1]:
             check_order(images, row)
             continue

@@ -1,16 +1,18 @@
-"""What is doubtful of training shapes: both sides of a body, landmarks in one place.
+"""What is doubtful of training shapes: sizes, sides of a body, landmarks in one place.
 
 And shapes that are flat, as 2D landmarks with z = 0 are, which are refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, evenly
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.normalisation import metres_in, normalise, std
 from shapefit.records import Shapes
 
 MAX_COMPARED_SHAPES = 96
@@ -34,6 +36,9 @@ each other here and there.
 OTHER_SIDE_SHARE = 0.3
 """Of pairs, by which a shape is of the other side."""
 
+MAX_SIZE_RATIO = 10.0
+"""Of the largest shape to the smallest: metres and millimetres differ by 1000."""
+
 
 def check_not_flat(shapes: Shapes, place: str) -> None:
     """Raise InputError at `place` where z is constant: 2D landmarks, not shapes."""
@@ -46,9 +51,9 @@ def check_not_flat(shapes: Shapes, place: str) -> None:
 
 
 def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
-    """Return warnings about mirrored shapes, and landmarks that always coincide."""
-    warnings = []
+    """Return warnings about sizes, mirrored shapes, and landmarks that coincide."""
     points = shapes.as_columns()
+    warnings = [*warn_of_sizes(shapes)]
     mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items
     if mirrored:
         warnings.append(
@@ -63,6 +68,23 @@ def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
         fault = f"landmarks that are one point in all shapes: {abbreviate(listed)}"
         warnings.append(f"{fault}; are the numbers of their vertices right?")
     return tuple(warnings)
+
+
+def warn_of_sizes(shapes: Shapes) -> Iterator[str]:
+    """Yield a warning where shapes in a unit of length differ much in size."""
+    if not len(shapes) or metres_in(shapes.unit) is None:
+        return
+    sizes = std(shapes.as_columns())
+    smallest = int(sizes.argmin())
+    largest = int(sizes.argmax())
+    if sizes[largest] <= MAX_SIZE_RATIO * sizes[smallest]:
+        return
+    times = f"{sizes[largest] / sizes[smallest]:,.0f}"
+    yield (
+        f"'{shapes.items[largest]}' is {times} times as large as"
+        f" '{shapes.items[smallest]}', and both state {shapes.unit}: has one of them"
+        " another unit? Sizes in metres follow from the mean"
+    )
 
 
 def find_mirrored(shapes: Floats) -> Flags:

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
@@ -167,6 +168,11 @@ def test_limbs_go_on_beyond_their_last_joints(target, scene):
     assert len(limbs) == 5  # head, hands and feet
     assert (share > 0).all()
     assert_allclose(ends, share[:, None] * bones, atol=1e-5)
+
+
+def test_without_a_frame_it_is_refused(target, shapes):
+    with pytest.raises(InputError, match="there is no frame to write"):
+        save(target, shapes.take(slice(0)))
 
 
 def test_what_has_no_place_is_left_out(target, shapes):

@@ -38,6 +38,27 @@ def two(scene):
     return concatenate([anna, ben])
 
 
+FULL = """
+import resource, sys
+import numpy as np
+import shapefit
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, 1_000))
+fit = shapefit.Fit(np.ones((9, 15, 3)), unit="m", frame_rate=25.0)
+try:
+    shapefit.write_results(sys.argv[1], fit)
+except shapefit.InputError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_is_told(tmp_path, run_python):
+    done = run_python(FULL, tmp_path / "poses.nc")
+    assert "cannot be written: File too large" in done.stdout
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.fixture
 def poses(tmp_path, two):
     """The file of both, open."""

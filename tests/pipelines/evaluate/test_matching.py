@@ -139,6 +139,14 @@ def test_one_individual_is_measured_against_one_truth(truth, people, order, matc
 
 
 @pytest.mark.parametrize("order", ORDERS)
+def test_an_individual_who_is_left_out_lacks_no_truth(truth, people, order):
+    subject = Shapes(**walk_of(truth.shapes, subject=N)).take(slice(1, None))
+    found = measured(result_of(people, order), subject, "frame", SHAPES)
+    assert set(found.sequences) == {"man"}
+    assert len(found.failures) == 1
+
+
+@pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("match", ["frame", "item"])
 def test_two_people_of_the_truth_by_the_same_names_are_both_measured(
     truth, people, order, match

@@ -141,7 +141,8 @@ class TestWrongNames:
         half = int(MISNAMED_SHARE * 100)
         (warning,) = self.warnings(plan, [half, half + 1, 0], [100] * 3)
         assert str(warning).startswith(f"{half + 1} images in which")
-        assert "left and right contradicts the model" in str(warning)
+        assert "left and right contradict the model" in str(warning)
+        assert "`rename={left: unused_1, right: unused_2}`" in str(warning)
 
     def test_a_landmark_that_few_images_show_is_not_judged_by_them_alone(self, plan):
         few = int(MISNAMED_SHARE * MIN_IMAGES_OF_NAME)

@@ -71,6 +71,14 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
     assert first.sequences == ("a", "a")
 
 
+def test_an_image_without_a_sequence_is_by_itself():
+    names = ["", "", "a", "a", "", "b", ""]
+    sizes = [piece.stop - piece.start for piece in clips.split_into_clips(names)]
+    assert sizes == [1, 1, 2, 1, 1, 1]
+    images = frames_of(names)
+    assert items_of(whole_sequences([images])) == images.items
+
+
 LONG_SEQUENCES = ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"]
 
 

@@ -76,6 +76,15 @@ def test_landmarks_in_one_place(shapes):
     assert warn_of_shapes(as_set(shapes)) == ()
 
 
+def test_shapes_in_two_units_are_told(shapes):
+    shapes[3] *= 1000 / np.ptp(shapes[3])
+    shapes[5] *= 1 / np.ptp(shapes[5])
+    assert warn_of_shapes(as_set(shapes)) == ()
+    (warning,) = warn_of_shapes(as_set(shapes).replaced(unit="m"))
+    assert "'t3' is " in warning
+    assert " times as large as 't5', and both state m" in warning
+
+
 @pytest.mark.parametrize("z", [0.0, 7.5])
 def test_shapes_without_depth_are_refused(shapes, z):
     shapes[:, 2] = z
