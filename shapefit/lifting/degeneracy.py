@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
+from shapefit.errors import counted
 from shapefit.geometry.normalisation import (
     MAX_COORDINATE,
     MIN_EXTENT,
@@ -102,9 +103,8 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
         if count[i] == 0:
             reasons[i] = "all landmarks are hidden"
         elif has_few[i]:
-            reasons[i] = (
-                f"only {count[i]} visible landmarks, {MIN_VISIBLE_LANDMARKS} are needed"
-            )
+            visible = counted(count[i], "visible landmark")
+            reasons[i] = f"only {visible}, {MIN_VISIBLE_LANDMARKS} are needed"
         elif is_point[i]:
             reasons[i] = "all visible landmarks are at one point"
         elif is_line[i]:

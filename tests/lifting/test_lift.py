@@ -339,7 +339,7 @@ LINE = [[0, 1, 2, 9], [1, 3, 5, 0]]
 DEGENERATE = [
     (TRIANGLE, [0, 0, 0, 0], "all landmarks are hidden"),
     (TRIANGLE, [1, 1, 0, 0], "only 2 visible landmarks, 3 are needed"),
-    (TRIANGLE, [0, 0, 0, 0.1], "only 1 visible landmarks, 3 are needed"),
+    (TRIANGLE, [0, 0, 0, 0.1], "only 1 visible landmark, 3 are needed"),
     (np.full((2, 4), 7.3), [1, 1, 1, 1], "all visible landmarks are at one point"),
     (np.zeros((2, 4)), [1, 1, 1, 1], "all visible landmarks are at one point"),
     (LINE, [1, 1, 1, 0], "all visible landmarks lie on one line"),

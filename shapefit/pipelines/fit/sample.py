@@ -345,11 +345,15 @@ def calibrate_bars(
     assert estimate.start_distance is not None, "the sample was lifted with it"
     visible = np.isfinite(inliers).sum(axis=1)
     distance = trust.median_distance(estimate.start_distance, visible)
-    line = f"of landmarks hidden in turn, {hidden.inside:.0%} lie in their 90% regions"
+    facts = []
+    if hidden.predictions:
+        inside = f"{hidden.inside:.0%} lie in their 90% regions"
+        facts.append(f"of landmarks hidden in turn, {inside}")
     if np.isfinite(distance):
-        line += f"; median distance from the convex shape {distance:.2f}"
+        facts.append(f"median distance from the convex shape {distance:.2f}")
     numbers = {KAPPA: hidden.kappa, HIDDEN_INSIDE: hidden.inside, DISTANCE: distance}
-    return BarGrowth(tuple(hidden.growth(bar_scale).tolist()), numbers, line)
+    growth = tuple(hidden.growth(bar_scale).tolist())
+    return BarGrowth(growth, numbers, "; ".join(facts))
 
 
 def judge_names(
