@@ -103,7 +103,7 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
         if count[i] == 0:
             reasons[i] = "all landmarks are hidden"
         elif has_few[i]:
-            visible = counted(count[i], "visible landmark")
+            visible = counted(int(count[i]), "visible landmark")
             reasons[i] = f"only {visible}, {MIN_VISIBLE_LANDMARKS} are needed"
         elif is_point[i]:
             reasons[i] = "all visible landmarks are at one point"
