@@ -103,8 +103,8 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
         if count[i] == 0:
             reasons[i] = "all landmarks are hidden"
         elif has_few[i]:
-            visible = counted(int(count[i]), "visible landmark")
-            reasons[i] = f"only {visible}, {MIN_VISIBLE_LANDMARKS} are needed"
+            seen = counted(int(count[i]), "visible landmark")
+            reasons[i] = f"only {seen}, {MIN_VISIBLE_LANDMARKS} are needed"
         elif is_point[i]:
             reasons[i] = "all visible landmarks are at one point"
         elif is_line[i]:
