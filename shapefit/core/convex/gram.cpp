@@ -1,5 +1,6 @@
 #include "gram.hpp"
 
+#include "../base/shared_loop.hpp"
 #include "../base/vectors.hpp"
 
 namespace shapefit {
@@ -24,6 +25,8 @@ constexpr double MIN_PIVOT = 1e-14;
 constexpr Index LARGE = 256;
 // Rows of a panel, which stay in the cache; a multiple of BLOCK.
 constexpr Index PANEL = 64;
+// Rows that a thread changes at a time where several do; a multiple of BLOCK.
+constexpr Index SHARE = 32;
 
 // n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
@@ -228,10 +231,10 @@ Index change_tile(const GramSystem& s, Index i, Index j, Index left,
     return most;
 }
 
-// Change `factor` tile by tile from the diagonal on, in the rows from `first` on.
+// Change `factor` tile by tile from the diagonal on, in rows first <= i < end.
 template <class Change>
-void change_rows(const GramSystem& s, Index first, const Change& change) {
-    for (Index i = first; i < s.columns; i += BLOCK) {
+void change_rows(const GramSystem& s, Index first, Index end, const Change& change) {
+    for (Index i = first; i < end; i += BLOCK) {
         check_interrupt();
         Index left = vectors_from(s, i);
         for (Index j = grid_at(i); left > 0;) {
@@ -242,14 +245,29 @@ void change_rows(const GramSystem& s, Index first, const Change& change) {
     }
 }
 
+// Change `factor` in all rows from `first` on, on several threads where that is worth
+// it; each of its numbers takes `depth` multiplications.
+template <class Change>
+void change_all_rows(const GramSystem& s, Index first, Index depth,
+                     const Change& change) {
+    const Index rows = s.columns - first;
+    const double multiplications = 0.5 * rows * rows * depth;
+    share_out((rows + SHARE - 1) / SHARE, multiplications, [&](Index part) {
+        const Index from = first + part * SHARE;
+        const Index end = from + SHARE < s.columns ? from + SHARE : s.columns;
+        change_rows(s, from, end, change);
+    });
+}
+
 // C <- C + F^T F.
 void add_squares(const GramSystem& s) {
     GramSystem panel = s;
     for (Index f = 0; f < s.rows; f += PANEL) {
         panel.F = s.F + f * s.stride;
         panel.rows = s.rows - f < PANEL ? s.rows - f : PANEL;
-        change_rows(
-            s, 0, [&](auto& tile, Index i, Index j) { tile.add_squares(panel, i, j); });
+        change_all_rows(s, 0, panel.rows, [&](auto& tile, Index i, Index j) {
+            tile.add_squares(panel, i, j);
+        });
     }
 }
 
@@ -269,7 +287,7 @@ void factorise_by_panels(GramSystem s) {
             check_interrupt();
             eliminate_rows(s, i, first);
         }
-        change_rows(s, end, [&](auto& tile, Index i, Index j) {
+        change_all_rows(s, end, PANEL, [&](auto& tile, Index i, Index j) {
             tile.subtract_rows(s, i, j, first, end);
         });
     }
