@@ -50,7 +50,7 @@ namespace {
 constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
 // Blocks whose rows a thread writes at a time where several do.
-constexpr Index SHARE = 32;
+constexpr Index BLOCKS_PER_PART = 32;
 
 // WIDTH vectors of three, one a lane.
 struct Vector3 {
@@ -274,15 +274,14 @@ Index ActiveBlocks::rows_before(Index c) const {
 Index ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
     const Index rows = rows_before(count);
     const double multiplications = 3.0 * rows * gram.unknowns();
-    share_out((count + SHARE - 1) / SHARE, multiplications, [&](Index part) {
-        const Index first = part * SHARE;
-        const Index end = first + SHARE < count ? first + SHARE : count;
+    const auto write_some = [&](Index first, Index end) {
         Index row = rows_before(first);
         for (Index c = first; c < end; ++c) {
             write_rows_of(c, atoms[index[c]], atoms.row, row, gram);
             row += directions(c);
         }
-    });
+    };
+    share_out(0, count, BLOCKS_PER_PART, multiplications, write_some);
     return rows;
 }
 

@@ -26,7 +26,7 @@ constexpr Index LARGE = 256;
 // Rows of a panel, which stay in the cache; a multiple of BLOCK.
 constexpr Index PANEL = 64;
 // Rows that a thread changes at a time where several do; a multiple of BLOCK.
-constexpr Index SHARE = 32;
+constexpr Index ROWS_PER_PART = 32;
 
 // n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
@@ -252,11 +252,8 @@ void change_all_rows(const GramSystem& s, Index first, Index depth,
                      const Change& change) {
     const Index rows = s.columns - first;
     const double multiplications = 0.5 * rows * rows * depth;
-    share_out((rows + SHARE - 1) / SHARE, multiplications, [&](Index part) {
-        const Index from = first + part * SHARE;
-        const Index end = from + SHARE < s.columns ? from + SHARE : s.columns;
-        change_rows(s, from, end, change);
-    });
+    share_out(first, s.columns, ROWS_PER_PART, multiplications,
+              [&](Index from, Index end) { change_rows(s, from, end, change); });
 }
 
 // C <- C + F^T F.
