@@ -209,11 +209,20 @@ void Team::take_parts() {
     }
 }
 
-// Wait until no thread runs a part of the shared loop, and withdraw it. A part takes
-// milliseconds: no need to look at signals.
+// Wait until no thread runs a part of the shared loop, and withdraw it. Signals are
+// looked at, but an exception waits too: the loop is on the stack of this thread.
 void Team::await_parts() {
     std::unique_lock<std::mutex> lock(guard_);
-    changed_.wait(lock, [&] { return running_parts_ == 0; });
+    while (running_parts_ > 0) {
+        changed_.wait_for(lock, BETWEEN_LOOKS);
+        lock.unlock();
+        try {
+            check_interrupt();
+        } catch (...) {
+            fail();
+        }
+        lock.lock();
+    }
     loop_ = nullptr;
 }
 

@@ -25,8 +25,9 @@ constexpr double MIN_PIVOT = 1e-14;
 constexpr Index LARGE = 256;
 // Rows of a panel, which stay in the cache; a multiple of BLOCK.
 constexpr Index PANEL = 64;
-// Rows that a thread changes at a time where several do; a multiple of BLOCK.
-constexpr Index ROWS_PER_PART = 32;
+// Rows that a thread takes at a time, multiples of BLOCK: of F^T F, for which it reads
+// all of F once more, and below a panel of the factorisation, which stays in the cache.
+constexpr Index SUMMED_ROWS = 128, ELIMINATED_ROWS = 32;
 
 // n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
@@ -245,27 +246,35 @@ void change_rows(const GramSystem& s, Index first, Index end, const Change& chan
     }
 }
 
-// Change `factor` in all rows from `first` on, on several threads where that is worth
-// it; each of its numbers takes `depth` multiplications.
-template <class Change>
-void change_all_rows(const GramSystem& s, Index first, Index depth,
-                     const Change& change) {
-    const Index rows = s.columns - first;
-    const double multiplications = 0.5 * rows * rows * depth;
-    share_out(first, s.columns, ROWS_PER_PART, multiplications,
-              [&](Index from, Index end) { change_rows(s, from, end, change); });
-}
+// Multiplications that the upper triangle of so many rows takes, `depth` a number.
+double multiplications(Index rows, Index depth) { return 0.5 * rows * rows * depth; }
 
-// C <- C + F^T F.
-void add_squares(const GramSystem& s) {
+// C <- C + F^T F in rows first <= i < end, by panels of F.
+void add_squares(const GramSystem& s, Index first, Index end) {
     GramSystem panel = s;
     for (Index f = 0; f < s.rows; f += PANEL) {
         panel.F = s.F + f * s.stride;
         panel.rows = s.rows - f < PANEL ? s.rows - f : PANEL;
-        change_all_rows(s, 0, panel.rows, [&](auto& tile, Index i, Index j) {
+        change_rows(s, first, end, [&](auto& tile, Index i, Index j) {
             tile.add_squares(panel, i, j);
         });
     }
+}
+
+// C <- C + F^T F.
+void add_squares(const GramSystem& s) {
+    share_out(0, s.columns, SUMMED_ROWS, multiplications(s.columns, s.rows),
+              [&](Index first, Index end) { add_squares(s, first, end); });
+}
+
+// Eliminate rows first <= m < end of the factor, a panel, from all rows below.
+void eliminate_panel(const GramSystem& s, Index first, Index end) {
+    const auto eliminate = [&](auto& tile, Index i, Index j) {
+        tile.subtract_rows(s, i, j, first, end);
+    };
+    share_out(end, s.columns, ELIMINATED_ROWS,
+              multiplications(s.columns - end, end - first),
+              [&](Index from, Index to) { change_rows(s, from, to, eliminate); });
 }
 
 // Factorise C + F^T F, where the factor holds C and r, four rows at a time.
@@ -284,9 +293,7 @@ void factorise_by_panels(GramSystem s) {
             check_interrupt();
             eliminate_rows(s, i, first);
         }
-        change_all_rows(s, end, PANEL, [&](auto& tile, Index i, Index j) {
-            tile.subtract_rows(s, i, j, first, end);
-        });
+        eliminate_panel(s, first, end);
     }
 }
 
