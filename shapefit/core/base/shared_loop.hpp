@@ -20,7 +20,7 @@ void run_shared(const SharedLoop& loop);
 
 // Multiplications from which on a loop is shared: 0.12 ms of one core with AVX-512,
 // 0.33 with AVX2, 0.7 without. To wake another thread and wait for it takes 0.01 ms, to
-// start one, once a call, 0.02. A third of this limit gains nothing.
+// start one, once a call, 0.02. A third of this limit gains little.
 constexpr double MIN_SHARED = 3e6;
 
 // Call run(from, end) for ranges that cover first <= i < last and take so many
