@@ -1,5 +1,7 @@
 #include "blocks.hpp"
 
+#include "../base/shared_loop.hpp"
+
 namespace shapefit {
 
 double moreau(const double* M, const double* N, double step, const double* dN,
@@ -47,6 +49,8 @@ namespace {
 // s2 / s1, below which any direction orthogonal to v serves.
 constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
+// Blocks whose rows a thread writes at a time where several do.
+constexpr Index BLOCKS_PER_PART = 32;
 
 // WIDTH vectors of three, one a lane.
 struct Vector3 {
@@ -244,22 +248,40 @@ template <int directions>
         }
 }
 
-Index ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
+// Write the rows of block c, of the atom B, from row `first` of F on.
+void ActiveBlocks::write_rows_of(Index c, const double* B, Index atom_stride,
+                                 Index first, ShiftedGram& gram) const {
     const Index unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
-    Index rows = 0;
-    for (Index c = 0; c < count; ++c) {
-        const double *B = atoms[index[c]], *number = row_ + c;
-        const int count = directions(c);
-        double* row = gram.row(rows);
-        if (count == 4)
-            write_block<4>(number, capacity, B, atoms.row, q, row, gram.stride());
-        else write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
-        for (int r = 0; r < count; ++r, row += gram.stride()) {
-            for (Index j = unknowns; j < right; ++j) row[j] = 0;
-            row[right] = number[(7 * r + 6) * capacity];
-        }
-        rows += count;
+    const double* number = row_ + c;
+    const int count = directions(c);
+    double* row = gram.row(first);
+    if (count == 4)
+        write_block<4>(number, capacity, B, atom_stride, q, row, gram.stride());
+    else write_block<6>(number, capacity, B, atom_stride, q, row, gram.stride());
+    for (int r = 0; r < count; ++r, row += gram.stride()) {
+        for (Index j = unknowns; j < right; ++j) row[j] = 0;
+        row[right] = number[(7 * r + 6) * capacity];
     }
+}
+
+// The number of rows of the blocks before block c.
+Index ActiveBlocks::rows_before(Index c) const {
+    Index rows = 0;
+    for (Index d = 0; d < c; ++d) rows += directions(d);
+    return rows;
+}
+
+Index ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
+    const Index rows = rows_before(count);
+    const double multiplications = 3.0 * rows * gram.unknowns();
+    const auto write_some = [&](Index first, Index end) {
+        Index row = rows_before(first);
+        for (Index c = first; c < end; ++c) {
+            write_rows_of(c, atoms[index[c]], atoms.row, row, gram);
+            row += directions(c);
+        }
+    };
+    share_out(0, count, BLOCKS_PER_PART, multiplications, write_some);
     return rows;
 }
 

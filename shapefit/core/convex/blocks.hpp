@@ -149,6 +149,9 @@ struct ActiveBlocks {
 
   private:
     void svd_and_prox(Index c, double t);
+    Index rows_before(Index c) const;
+    void write_rows_of(Index c, const double* B, Index atom_stride, Index first,
+                       ShiftedGram& gram) const;
 
     double* row_;  // (7, 6, capacity): the six numbers of each direction, and the
                    // right-hand side

@@ -1,5 +1,6 @@
 #include "gram.hpp"
 
+#include "../base/shared_loop.hpp"
 #include "../base/vectors.hpp"
 
 namespace shapefit {
@@ -24,6 +25,9 @@ constexpr double MIN_PIVOT = 1e-14;
 constexpr Index LARGE = 256;
 // Rows of a panel, which stay in the cache; a multiple of BLOCK.
 constexpr Index PANEL = 64;
+// Rows that a thread takes at a time, multiples of BLOCK: of F^T F, for which it reads
+// all of F once more, and below a panel of the factorisation, which stays in the cache.
+constexpr Index SUMMED_ROWS = 128, ELIMINATED_ROWS = 32;
 
 // n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
@@ -228,10 +232,10 @@ Index change_tile(const GramSystem& s, Index i, Index j, Index left,
     return most;
 }
 
-// Change `factor` tile by tile from the diagonal on, in the rows from `first` on.
+// Change `factor` tile by tile from the diagonal on, in rows first <= i < end.
 template <class Change>
-void change_rows(const GramSystem& s, Index first, const Change& change) {
-    for (Index i = first; i < s.columns; i += BLOCK) {
+void change_rows(const GramSystem& s, Index first, Index end, const Change& change) {
+    for (Index i = first; i < end; i += BLOCK) {
         check_interrupt();
         Index left = vectors_from(s, i);
         for (Index j = grid_at(i); left > 0;) {
@@ -242,15 +246,35 @@ void change_rows(const GramSystem& s, Index first, const Change& change) {
     }
 }
 
-// C <- C + F^T F.
-void add_squares(const GramSystem& s) {
+// Multiplications that the upper triangle of so many rows takes, `depth` a number.
+double multiplications(Index rows, Index depth) { return 0.5 * rows * rows * depth; }
+
+// C <- C + F^T F in rows first <= i < end, by panels of F.
+void add_squares(const GramSystem& s, Index first, Index end) {
     GramSystem panel = s;
     for (Index f = 0; f < s.rows; f += PANEL) {
         panel.F = s.F + f * s.stride;
         panel.rows = s.rows - f < PANEL ? s.rows - f : PANEL;
-        change_rows(
-            s, 0, [&](auto& tile, Index i, Index j) { tile.add_squares(panel, i, j); });
+        change_rows(s, first, end, [&](auto& tile, Index i, Index j) {
+            tile.add_squares(panel, i, j);
+        });
     }
+}
+
+// C <- C + F^T F.
+void add_squares(const GramSystem& s) {
+    share_out(0, s.columns, SUMMED_ROWS, multiplications(s.columns, s.rows),
+              [&](Index first, Index end) { add_squares(s, first, end); });
+}
+
+// Eliminate rows first <= m < end of the factor, a panel, from all rows below.
+void eliminate_panel(const GramSystem& s, Index first, Index end) {
+    const auto eliminate = [&](auto& tile, Index i, Index j) {
+        tile.subtract_rows(s, i, j, first, end);
+    };
+    share_out(end, s.columns, ELIMINATED_ROWS,
+              multiplications(s.columns - end, end - first),
+              [&](Index from, Index to) { change_rows(s, from, to, eliminate); });
 }
 
 // Factorise C + F^T F, where the factor holds C and r, four rows at a time.
@@ -269,9 +293,7 @@ void factorise_by_panels(GramSystem s) {
             check_interrupt();
             eliminate_rows(s, i, first);
         }
-        change_rows(s, end, [&](auto& tile, Index i, Index j) {
-            tile.subtract_rows(s, i, j, first, end);
-        });
+        eliminate_panel(s, first, end);
     }
 }
 
