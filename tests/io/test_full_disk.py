@@ -41,6 +41,7 @@ def results(chunk):
 """
 
 FULL = """
+sys.dont_write_bytecode = True  # or modules that are cut off stay on the disk
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 try:
     with result_writer(Path(sys.argv[1])) as writer:

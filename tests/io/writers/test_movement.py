@@ -43,6 +43,7 @@ import resource, sys
 import numpy as np
 import shapefit
 
+sys.dont_write_bytecode = True  # or modules that are cut off stay on the disk
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, 1_000))
 fit = shapefit.Fit(np.ones((9, 15, 3)), unit="m", frame_rate=25.0)
 try:
