@@ -4,13 +4,14 @@ long gaps.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers, split_runs
+from shapefit.arrays import Flags, Floats, Integers, split_runs
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -66,14 +67,16 @@ def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float
     if frames is None or times is None:
         return None
     known = np.isfinite(times)
-    passed, steps = np.diff(times[known]), np.diff(frames[known])
+    passed = np.diff(times[known])
+    steps = np.diff(frames[known])
     forward = (passed > 0) & (steps > 0)
     passed, steps = passed[forward], steps[forward]
     if not len(steps):
         return None
     usual = np.sort(steps / passed)[(len(steps) - 1) // 2]
     fitting = np.abs(passed * usual - steps) <= JITTER
-    count, seconds = float(steps[fitting].sum()), float(passed[fitting].sum())
+    count = float(steps[fitting].sum())
+    seconds = float(passed[fitting].sum())
     for rate in (count / seconds, float(usual)):
         whole = float(round(rate))
         broadcast = round(rate / OF_TELEVISION) * OF_TELEVISION
@@ -82,6 +85,17 @@ def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float
             if alike and abs(seconds * near - count) <= JITTER:
                 return near
     return count / seconds
+
+
+def begins_sequence(sequences: Sequence[str]) -> Flags:
+    """Flag the items (n - 1,), from the second on, that begin a sequence.
+
+    They have another name in `sequences` (n,) than the item before, or none: an item
+    without a sequence is by itself.
+    """
+    names = np.array(sequences, dtype=object)
+    is_new: Flags = (names[1:] != names[:-1]) | (names[1:] == "")
+    return is_new
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.timeline import Timeline, find_rate, place_in_time
+from shapefit.timeline import Timeline, begins_sequence, find_rate, place_in_time
 
 PLACES = [
     (None, None, [0, 1, 2, 3]),
@@ -39,6 +39,11 @@ def test_few_images_have_a_place(count):
     numbered = place_in_time(frames, frames / 10, 10.0, count)
     assert unnumbered.tolist() == [0.0] * count
     assert numbered.tolist() == [0.0] * count
+
+
+def test_items_without_a_sequence_are_each_by_itself():
+    begins = begins_sequence(["", "", "a", "a", "b", "", ""])
+    assert begins.tolist() == [True, True, False, True, True, True]
 
 
 def rate_of(seconds_per_frame, count=98, decimals=4, start=0.0):

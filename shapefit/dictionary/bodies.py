@@ -15,7 +15,7 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers, split_runs
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
-from shapefit.timeline import ASSUMED_RATE, Timeline
+from shapefit.timeline import ASSUMED_RATE, Timeline, begins_sequence
 
 MIN_SECOND_DIFFERENCES = 100
 """From which on a mean square is taken."""
@@ -91,8 +91,7 @@ def weigh_differences(
     """
     n = len(sequences)
     numbers = np.arange(n) if frames is None else frames
-    names = np.array(sequences, dtype=object)
-    is_other = names[1:] != names[:-1]
+    is_other = begins_sequence(sequences)
     is_back = np.diff(numbers) <= 0
     weights = np.zeros((n, 3))
     for rows in split_runs(is_other | is_back, n):

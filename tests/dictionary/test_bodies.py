@@ -48,6 +48,15 @@ def test_acceleration_is_the_root_mean_square_of_second_differences(film, sequen
     assert_allclose(found, expected, rtol=1e-10)
 
 
+def test_shapes_without_a_sequence_show_no_motion(film):
+    unnamed = ["a"] * 200 + [""] * 200
+    found = find_acceleration(film, unnamed)
+    of_named = find_acceleration(film[:200], ["a"] * 200)
+    size = usual_size(film)
+    size_of_named = usual_size(film[:200])
+    assert_allclose(found * size, of_named * size_of_named, rtol=1e-10)
+
+
 class TestMissingFrames:
     """Of a motion of which frames are missing, acceleration is that of the whole."""
 

@@ -54,7 +54,7 @@ from shapefit.lifting.sequences.smoothing import (
 )
 from shapefit.lifting.trust import expected_error
 from shapefit.threads import map_ahead, on_threads, thread_count
-from shapefit.timeline import ASSUMED_RATE, Timeline
+from shapefit.timeline import ASSUMED_RATE, Timeline, begins_sequence
 
 MAX_CLIP_FRAMES = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one
@@ -319,13 +319,11 @@ def is_informative(clips: Clips) -> Flags:
 def split_into_clips(sequences: Sequence[str]) -> list[slice]:
     """Return slices of images to refine together: of one sequence, not too many.
 
-    Equal neighbours in `sequences` (n,), divided where they are more than
-    MAX_CLIP_FRAMES. An image without a sequence is by itself.
+    Equal neighbours in `sequences` (n,), see `begins_sequence`, divided where they are
+    more than MAX_CLIP_FRAMES.
     """
-    values = np.array(sequences, dtype=object)
-    begins = (values[1:] != values[:-1]) | (values[1:] == "")
     slices = []
-    for sequence in split_runs(begins, len(values)):
+    for sequence in split_runs(begins_sequence(sequences), len(sequences)):
         frames = sequence.stop - sequence.start
         pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):

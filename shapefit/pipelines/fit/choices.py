@@ -4,6 +4,7 @@ are read, and what is doubtful of the dictionary.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -133,12 +134,13 @@ def are_in_sequences(config: FitConfig) -> bool:
 def are_long(sequences: Sequence[str] | None) -> bool:
     """Whether half of the images are in sequences of MIN_SEQUENCE_FRAMES or more.
 
-    sequences (n,), the name of that of each image.
+    sequences (n,), the name of that of each image; one without a name is by itself.
     """
     if not sequences:
         return False
-    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
-    return median(counts[which]) >= MIN_SEQUENCE_FRAMES
+    frame_counts = Counter(sequences)
+    lengths = [frame_counts[name] if name else 1 for name in sequences]
+    return median(np.array(lengths)) >= MIN_SEQUENCE_FRAMES
 
 
 def choose_family(

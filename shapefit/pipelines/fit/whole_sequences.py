@@ -39,7 +39,7 @@ def find_last_sequence(images: Landmarks, first: int, begun: set[str]) -> int:
         raise input_error("method: sequences", "landmarks without `sequence`", fix)
     last = 0
     for row in range(first, len(images)):
-        if not names[row]:
+        if not names[row]:  # an image by itself
             last = row
             continue
         if row and names[row] == names[row - 1]:

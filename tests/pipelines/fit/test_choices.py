@@ -18,6 +18,7 @@ from shapefit.pipelines.fit.choices import (
     MAX_USUAL_ATOM_NORM,
     MIN_SEQUENCE_FRAMES,
     are_in_sequences,
+    are_long,
     choose_method,
     warn_of_dictionary,
 )
@@ -226,3 +227,8 @@ def test_atoms_far_larger_than_normalised_shapes_are_told(chosen, rng, factor, i
     warnings = warn_of_dictionary(config, dictionary)
 
     assert any("the atoms have a norm" in text for text in warnings) == is_told
+
+
+@pytest.mark.parametrize(("name", "long"), [("film", True), ("", False)])
+def test_images_are_long_sequences_where_they_have_one(name, long):
+    assert are_long([name] * MIN_SEQUENCE_FRAMES) is long
