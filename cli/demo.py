@@ -106,6 +106,7 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
     from shapefit.pipelines.view.run import write_page
 
     with staged_files(folder) as staging:
+        # One by one: copytree would gather the errors of a full disk into a list.
         copies = staging / SAMPLES
         copies.mkdir()
         for sample in samples.iterdir():

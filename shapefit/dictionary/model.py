@@ -234,7 +234,9 @@ class Dictionary:
 
 
 def map_landmarks(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Turn a dictionary of joints x into one of landmarks y = A x + e, e ~ N(0, V).
+    """Turn a dictionary of joints x into one of landmarks y = A x + e of a detector.
+
+    The noise e ~ N(0, V) widens its prior, if it has one:
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 

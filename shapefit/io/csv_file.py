@@ -325,9 +325,9 @@ class Table:
         NaN for landmarks that an item lacks. Raises InputError for double rows.
         """
         places = len(self._items) * len(self._landmarks)
-        planes = np.full((len(self._axes) + 1, places), np.nan)
+        shape = (len(self._axes) + 1, places)
         if not self._parts:
-            return planes
+            return np.full(shape, np.nan)
         lines, item, landmark, *values = map(
             np.concatenate, zip(*self._parts, strict=True)
         )
@@ -349,6 +349,7 @@ class Table:
                 for k in again[:LIMIT]
             ]
             raise input_problems(problems, len(again))
+        planes = np.full(shape, np.nan)
         for plane, column in zip(planes, values, strict=True):
             plane[place] = column
         return planes

@@ -210,8 +210,8 @@ class Hdf5File:
             size = math.prod(shape) * width
             present = dataset.id.get_storage_size()
             if size > max(ALWAYS_FITS, MAX_COMPRESSION * present):
-                total, stored = format_bytes(size), format_bytes(present)
-                fault = f"of its {total} the file holds {stored}"
+                total = format_bytes(size)
+                fault = f"of its {total} the file holds {format_bytes(present)}"
                 fix = "write its values, or make it smaller"
                 raise self.make_error(name, fault, fix)
             if size and dataset.chunks and not present and not text:

@@ -64,7 +64,8 @@ def test_no_bit_depends_on_threads_where_images_are_degenerate(rng):
 
 def time_elsewhere(problem, threads):
     """Return the share of the CPU time that other threads than this one took."""
-    begin, begin_here = time.process_time(), time.thread_time()
+    begin = time.process_time()
+    begin_here = time.thread_time()
     solve_newton(problem, tolerance=TOLERANCE, threads=threads)
     here = time.thread_time() - begin_here
     return 1 - here / (time.process_time() - begin)

@@ -41,8 +41,10 @@ MAX_METRES_FROM_ORIGIN = 100.0
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres; factor (n,), metres per unit of the shapes; texts on
-    where axes and size come from.
+    """Shapes of one sequence in metres, and how they were converted.
+
+    points (n, 3, p) in metres; factor (n,), metres per unit of the shapes; axes and
+    size, texts on where these come from.
     """
 
     points: Floats

@@ -96,7 +96,7 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     Yields a Result per batch, and a last one that sums up. Raises InputError, and
     writes nothing, where a file changes meanwhile.
     """
-    files = WatchedFiles.of(config, part.states, part.inputs)
+    files = WatchedFiles.of_config(config, part.states, part.inputs)
     dictionary = part.dictionary or read_dictionary(config.dictionary)
     config, chosen = choose_method(config, dictionary, lambda: are_in_sequences(config))
     config = with_angle_covariance(config)

@@ -16,37 +16,37 @@ from shapefit.pipelines.fit.choices import files_of
 class WatchedFiles:
     """Landmarks and further files of a fit, as they were found.
 
-    of_landmarks are the digests of the landmarks, None until they are taken.
+    landmark_digests: of the files of landmarks, None until they are computed.
     """
 
     landmarks: tuple[Path, ...]
     further: tuple[Path, ...]
     states: Mapping[Path, State]
-    of_landmarks: Mapping[str, str] | None = None
+    landmark_digests: Mapping[str, str] | None = None
 
     @classmethod
-    def of(
+    def of_config(
         cls,
         config: FitConfig,
         states: Mapping[Path, State] | None = None,
-        of_landmarks: Mapping[str, str] | None = None,
+        landmark_digests: Mapping[str, str] | None = None,
     ) -> WatchedFiles:
-        """Return the files of a config with their states, and digests if known."""
+        """Return the files of a config, as they are now or were in `states`."""
         further = tuple(files_of(config).values())
         if states is None:
             states = {path: find_state(path) for path in config.landmarks + further}
-        return cls(config.landmarks, further, states, of_landmarks)
+        return cls(config.landmarks, further, states, landmark_digests)
 
     def take_digests(self) -> None:
         """Compute the digests of the landmark files, unless they are known."""
-        if self.of_landmarks is None:
-            self.of_landmarks = digests(self.landmarks)
+        if self.landmark_digests is None:
+            self.landmark_digests = digests(self.landmarks)
 
     def digests(self) -> dict[str, str]:
         """Return name -> digest of all files that are watched."""
         self.take_digests()
-        assert self.of_landmarks is not None
-        return {**self.of_landmarks, **digests(self.further)}
+        assert self.landmark_digests is not None
+        return {**self.landmark_digests, **digests(self.further)}
 
     def check_unchanged(self) -> None:
         """Raise InputError where a file has changed since its state was taken."""
