@@ -219,8 +219,16 @@ def test_a_dataset_of_xarray_has_named_axes(walk):
     assert dataset.attrs == {"unit": "unknown", "y_axis": "down", "frame_rate": 25}
 
 
+@pytest.fixture
+def without_cluster():
+    """Writing takes no lock from a cluster of other tests that has ended."""
+    config = pytest.importorskip("dask.config")
+    with config.set(scheduler="synchronous"):
+        yield
+
+
 @pytest.mark.slow
-def test_a_dataset_of_xarray_is_written(walk, tmp_path):
+def test_a_dataset_of_xarray_is_written(walk, tmp_path, without_cluster):
     xarray = pytest.importorskip("xarray")
     path = tmp_path / "fit.nc"
     walk.to_xarray().to_netcdf(path, engine="h5netcdf")
