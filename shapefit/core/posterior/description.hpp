@@ -36,6 +36,10 @@ struct Description {
         for (Index e = 0; e < 3 * p; ++e) row[e] = 3 * (e % p) + e / p;
     }
 
+    // Mean of coordinate e of all x, then y, then z, and its covariance with another.
+    Doubles mean_of(Index e) const { return mean[row[e]]; }
+    Doubles covariance_of(Index e, Index f) const { return C[row[e] * d + row[f]]; }
+
     const Index p, d, n;      // coordinate a of landmark j is row 3 j + a
     Index* place;             // of a landmark among those seen, or -1 (p,)
     Index* row;               // of all x, then y, then z (3 p,)

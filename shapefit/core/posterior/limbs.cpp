@@ -1,136 +1,120 @@
 #include "limbs.hpp"
 
-#include <utility>
+#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 namespace {
 
 constexpr int STEPS = 3;  // the fourth changes shapes by less than 1e-3 of their size
-constexpr double MIN_SQUARED_LENGTH = 1e-300;  // of a limb that is a point
+constexpr double MIN_SQUARED_LENGTH = 1e-15;  // of a limb that is a point
 
-// X <- A^-1 X for A (n, n), which is overwritten, and X (n, columns), by elimination
-// with the largest pivot of each column. Returns log |det A|.
-double solve_in_place(double* A, double* X, Index n, Index columns) {
-    double log_determinant = 0;
-    for (Index k = 0; k < n; ++k) {
-        Index pivot = k;
-        for (Index i = k + 1; i < n; ++i)
-            if (magnitude(A[i * n + k]) > magnitude(A[pivot * n + k])) pivot = i;
-        for (Index j = 0; j < n; ++j) std::swap(A[k * n + j], A[pivot * n + j]);
-        for (Index j = 0; j < columns; ++j)
-            std::swap(X[k * columns + j], X[pivot * columns + j]);
-        log_determinant += log(magnitude(A[k * n + k]));
-        for (Index i = 0; i < n; ++i) {
-            if (i == k) continue;
-            const double factor = A[i * n + k] / A[k * n + k];
-            for (Index j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
-            for (Index j = 0; j < columns; ++j)
-                X[i * columns + j] -= factor * X[k * columns + j];
-        }
-    }
-    for (Index i = 0; i < n; ++i)
-        for (Index j = 0; j < columns; ++j) X[i * columns + j] /= A[i * n + i];
-    return log_determinant;
+// Set `root` (n, n) to A^T with A A^T = Q, for a symmetric Q that may be singular.
+void find_root(Workspace& workspace, Matrix<const double> Q, double* root) {
+    const Index n = Q.size[0];
+    double *copy = workspace.zeros<double>(n * n), *values = workspace.zeros<double>(n);
+    for (Index e = 0; e < n * n; ++e) copy[e] = Q.data[e];
+    symmetric_eigen({copy, {n, n}}, {values, {n}}, {root, {n, n}});
+    for (Index e = 0; e < n * n; ++e)
+        root[e] *= shapefit::root(larger(values[e / n], 0.0));
 }
 
 }  // namespace
 
 LimbLengths::LimbLengths(Workspace& workspace, const PosteriorData& data)
-    : p_(data.landmarks.size[2]),
-      d_(3 * p_),
-      count_(data.limbs.size[0]),
+    : count_(data.limbs.size[0]),
+      n_(tiled(count_)),
       limbs_(data.limbs),
       log_length_(data.limb_log_length),
-      Q_(data.limb_precision),
-      m_(workspace.zeros<double>(d_)),
-      excess_(workspace.zeros<double>(count_)),
-      u_(workspace.zeros<double>(3 * count_)),
-      JC_(workspace.zeros<double>(count_ * d_)),
-      JCJ_(workspace.zeros<double>(count_ * count_)),
-      system_(workspace.zeros<double>(count_ * count_)),
-      G_(workspace.zeros<double>(count_ * count_)),
-      force_(workspace.zeros<double>(count_)),
-      GJC_(workspace.zeros<double>(count_ * d_)) {}
-
-double LimbLengths::condition(double* y, double* C) {
-    for (Index e = 0; e < d_; ++e) m_[e] = y[e];
-    double log_determinant = 0;
-    for (int step = 0; step < STEPS; ++step) {
-        log_determinant = linearise(y, C);
-        for (Index e = 0; e < d_; ++e) {
-            double change = 0;
-            for (Index a = 0; a < count_; ++a) change += JC_[a * d_ + e] * force_[a];
-            y[e] = m_[e] - change;
-        }
-    }
-    double moved = 0, strained = 0;
-    for (Index a = 0; a < count_; ++a)
-        for (Index b = 0; b < count_; ++b) {
-            moved += force_[a] * JCJ_[a * count_ + b] * force_[b];
-            strained += excess_[a] * Q_[a][b] * excess_[b];
-        }
-    for (Index a = 0; a < count_; ++a)
-        for (Index e = 0; e < d_; ++e) {
-            double total = 0;
-            for (Index b = 0; b < count_; ++b)
-                total += G_[a * count_ + b] * JC_[b * d_ + e];
-            GJC_[a * d_ + e] = total;
-        }
-    for (Index e = 0; e < d_; ++e)
-        for (Index a = 0; a < count_; ++a) {
-            const double factor = JC_[a * d_ + e];
-            for (Index f = 0; f <= e; ++f) C[e * d_ + f] -= factor * GJC_[a * d_ + f];
-        }
-    return 0.5 * (moved + strained + log_determinant);
+      root_(workspace.zeros<double>(count_ * count_)),
+      m_(workspace.zeros<Doubles>(3 * data.landmarks.size[2])),
+      u_(workspace.zeros<Doubles>(3 * count_)),
+      r_(workspace.zeros<Doubles>(n_)),
+      ahead_(workspace.zeros<Doubles>(n_)),
+      row_(workspace.zeros<Doubles>(3 * data.landmarks.size[2] + n_)),
+      K_(workspace.zeros<Doubles>(3 * data.landmarks.size[2] * n_)),
+      L_{workspace.zeros<Doubles>(Triangle<Doubles>::size(n_))},
+      reciprocal_(workspace.zeros<Doubles>(n_)),
+      v_(workspace.zeros<Doubles>(n_)),
+      t_(workspace.zeros<Doubles>(n_)),
+      W_(workspace.zeros<Doubles>(3 * data.landmarks.size[2] * n_)) {
+    if (are_known()) find_root(workspace, data.limb_precision, root_);
 }
 
-double LimbLengths::linearise(const double* y, const double* C) {
-    for (Index a = 0; a < count_; ++a) {
-        const int64_t i = limbs_[a][0], j = limbs_[a][1];
-        double* u = u_ + 3 * a;
-        double length_square = 0;
-        for (int axis = 0; axis < 3; ++axis) {
-            u[axis] = y[axis * p_ + i] - y[axis * p_ + j];
-            length_square += u[axis] * u[axis];
-        }
-        length_square = larger(length_square, MIN_SQUARED_LENGTH);
-        excess_[a] = 0.5 * log(length_square) - log_length_[a];
-        for (int axis = 0; axis < 3; ++axis) u[axis] /= length_square;
-        double* row = JC_ + a * d_;
-        for (Index e = 0; e < d_; ++e) row[e] = 0;
-        for (int axis = 0; axis < 3; ++axis) {
-            const double* from = C + (axis * p_ + i) * d_;
-            const double* to = C + (axis * p_ + j) * d_;
-            for (Index e = 0; e < d_; ++e) row[e] += u[axis] * (from[e] - to[e]);
-        }
+Doubles LimbLengths::condition(Description& modes) {
+    const Index d = 3 * modes.p;
+    for (Index e = 0; e < d; ++e) m_[e] = modes.mean[e];
+    Doubles log_det = {};
+    for (int step = 0; step < STEPS; ++step) {
+        log_det = linearise(modes);
+        for (Index e = 0; e < d; ++e) modes.mean[e] = m_[e] - dot(K_ + e * n_, t_, n_);
     }
-    for (Index a = 0; a < count_; ++a)
-        for (Index b = 0; b < count_; ++b) {
-            const double* row = JC_ + a * d_;
-            double total = 0;
-            for (int axis = 0; axis < 3; ++axis)
-                total += u_[3 * b + axis] * (row[axis * p_ + limbs_[b][0]] -
-                                             row[axis * p_ + limbs_[b][1]]);
-            JCJ_[a * count_ + b] = total;
+    for (Index e = 0; e < d; e += 3) multiply<3>(n_, L_, K_ + e * n_, W_ + e * n_);
+    for (Index e = 0; e < d; ++e)
+        for (Index f = 0; f <= e; ++f) {
+            Doubles& C = modes.C[e * modes.d + f];
+            C -= dot(W_ + e * n_, W_ + f * n_, n_);
+            modes.C[f * modes.d + e] = C;
         }
-    for (Index a = 0; a < count_; ++a)
-        for (Index b = 0; b < count_; ++b) {
-            double total = a == b;
-            for (Index c = 0; c < count_; ++c) total += Q_[a][c] * JCJ_[c * count_ + b];
-            system_[a * count_ + b] = total;
-            G_[a * count_ + b] = Q_[a][b];
-        }
-    const double log_determinant = solve_in_place(system_, G_, count_, count_);
-    for (Index a = 0; a < count_; ++a) force_[a] = 0;
+    Doubles least = dot(v_, v_, n_) - dot(t_, t_, n_);
     for (Index b = 0; b < count_; ++b) {
-        double ahead = excess_[b];
-        for (int axis = 0; axis < 3; ++axis) {
-            const Index i = axis * p_ + limbs_[b][0], j = axis * p_ + limbs_[b][1];
-            ahead += u_[3 * b + axis] * ((m_[i] - m_[j]) - (y[i] - y[j]));
-        }
-        for (Index a = 0; a < count_; ++a) force_[a] += G_[a * count_ + b] * ahead;
+        Doubles strained = {};  // row b of A^T r
+        for (Index a = 0; a < count_; ++a) strained += root_[b * count_ + a] * r_[a];
+        least += strained * strained;
     }
-    return log_determinant;
+    return 0.5 * (least + log_det);
+}
+
+Doubles LimbLengths::linearise(const Description& modes) {
+    const Index d = 3 * modes.p;
+    for (Index e = 0; e < d * n_; ++e) K_[e] = Doubles{};
+    for (Index b = 0; b < n_; ++b) ahead_[b] = Doubles{};
+    for (Index a = 0; a < count_; ++a) {
+        r_[a] = measure(modes.mean, a) - log_length_[a];
+        const Doubles ahead = r_[a] + along(a, m_, 1) - along(a, modes.mean, 1);
+        for (Index e = 0; e < d; ++e) row_[e] = along(a, modes.C + e, modes.d);
+        for (Index b = 0; b < count_; ++b) {
+            const double root = root_[b * count_ + a];
+            ahead_[b] += root * ahead;
+            for (Index e = 0; e < d; ++e) K_[e * n_ + b] += root * row_[e];
+        }
+    }
+    for (Index b = 0; b < n_; ++b) {
+        for (Index a = 0; a < count_; ++a) row_[a] = along(a, K_ + b, n_);
+        for (Index c = 0; c <= b; ++c) {
+            Doubles total = all(b == c ? 1.0 : 0.0);  // alone, in what is padded
+            for (Index a = 0; b < count_ && a < count_; ++a)
+                total += row_[a] * root_[c * count_ + a];
+            L_[b][c] = total;
+        }
+    }
+    const Doubles log_det = factorise(n_, L_, reciprocal_);
+    invert(n_, L_, reciprocal_);
+    multiply<1>(n_, L_, ahead_, v_);
+    multiply_transposed<1>(n_, L_, v_, t_);
+    return log_det;
+}
+
+Doubles LimbLengths::measure(const Doubles* y, Index a) {
+    const Doubles *from = y + 3 * limbs_[a][0], *to = y + 3 * limbs_[a][1];
+    Doubles* u = u_ + 3 * a;
+    Doubles square = {};
+    for (int axis = 0; axis < 3; ++axis) {
+        u[axis] = from[axis] - to[axis];
+        square += u[axis] * u[axis];
+    }
+    square = larger(square, all(MIN_SQUARED_LENGTH));
+    for (int axis = 0; axis < 3; ++axis) u[axis] /= square;
+    return 0.5 * logarithm(square);
+}
+
+Doubles LimbLengths::along(Index a, const Doubles* x, Index stride) const {
+    const Doubles* u = u_ + 3 * a;
+    const Doubles *from = x + 3 * limbs_[a][0] * stride,
+                  *to = x + 3 * limbs_[a][1] * stride;
+    Doubles total = {};
+    for (int axis = 0; axis < 3; ++axis)
+        total += u[axis] * (from[axis * stride] - to[axis * stride]);
+    return total;
 }
 
 }  // namespace shapefit

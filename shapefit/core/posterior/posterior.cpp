@@ -185,23 +185,33 @@ void set_failed(const PosteriorData& data, Index image) {
     data.stationary[image] = false;
 }
 
-// Write a mode, with its covariance C(e, f), as that of this rank in its image.
-template <class Covariance>
-void store(const PosteriorData& data, const Group& group, const Mode& mode, Index rank,
-           const Covariance& C) {
+// Write the modes of a description, which are those from `first` on, as those of their
+// rank in their image: the first of them has the rank `rank`.
+void store(const PosteriorData& data, const Group& group, const Modes& modes,
+           Index first, Index rank, const Description& description) {
     const Index p = data.landmarks.size[2], d = 3 * p,
-                image = group.image[mode.origin.slot];
-    data.mode_component[image][rank] = mode.component;
-    data.mode_scale[image][rank] = exp(mode.log_scale);
-    data.mode_log_evidence[image][rank] = mode.log_evidence;
-    mode.R.write(data.mode_rotation[image][rank].data);
-    for (Index e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mode.mean[e];
-    for (Index e = 0; e < d; ++e)
-        for (Index f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = C(e, f);
-    const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
-    fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (Index j = 0; j < group.m; ++j)
-        inlier_probability[group.index[j]] = mode.inlier_probability[j];
+                most_stored = data.mode_component.size[1];
+    for (Index i = first; i < modes.count && i < first + WIDTH; ++i, ++rank) {
+        const Mode& mode = modes[i];
+        const Index lane = i - first, image = group.image[mode.origin.slot];
+        if (i > first && mode.origin.slot != modes[i - 1].origin.slot) rank = 0;
+        if (rank >= most_stored) continue;
+        data.mode_component[image][rank] = mode.component;
+        data.mode_scale[image][rank] = exp(mode.log_scale);
+        data.mode_log_evidence[image][rank] = mode.log_evidence;
+        mode.R.write(data.mode_rotation[image][rank].data);
+        for (Index e = 0; e < d; ++e) {
+            data.mode_mean[image][rank].data[e] = description.mean_of(e)[lane];
+            for (Index f = 0; f < d; ++f)
+                data.mode_covariance[image][rank][e][f] =
+                    description.covariance_of(e, f)[lane];
+        }
+        const Vector<double> inlier_probability =
+            data.mode_inlier_probability[image][rank];
+        fill(inlier_probability.data, p, NOT_A_NUMBER);
+        for (Index j = 0; j < group.m; ++j)
+            inlier_probability[group.index[j]] = mode.inlier_probability[j];
+    }
 }
 
 // Set the shares of the modes of an image, all from `first` on, and write the outputs
@@ -297,40 +307,33 @@ struct Reweighed {
 
 // Write mean and covariance of each image of a group: those of the mixture of its
 // modes. Where lengths of limbs are known, each mode is conditioned on them first, and
-// its share changes; modes that are stored one by one are not conditioned. lanes,
-// description and covariance (3 p, 3 p) are scratch memory.
+// its share changes; modes that are stored one by one are not conditioned. lanes and
+// description are scratch memory.
 void write_mixtures(const PosteriorData& data, const Group& group, const Modes& modes,
                     LaneWorkspace<Doubles>& lanes, Description& description,
-                    LimbLengths& limbs, double* covariance) {
-    const Index d = 3 * data.landmarks.size[2],
-                most_stored = data.mode_component.size[1];
+                    LimbLengths& limbs) {
+    const Index d = 3 * data.landmarks.size[2];
+    const bool stored = data.mode_component.size[1] > 0;
     const auto image_of = [&](Index i) { return group.image[modes[i].origin.slot]; };
+    Doubles lost = {};
     double least_lost = 0;
     for (Index i = 0, rank = 0; i < modes.count; ++i) {
         Mode& mode = modes[i];
         const Index lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
         if (lane == 0) {
-            const bool whole = mixture.whole || most_stored || limbs.are_known();
+            const bool whole = mixture.whole || stored || limbs.are_known();
             describe_modes(data, group, modes, i, whole, lanes, description);
+            if (stored) store(data, group, modes, i, rank, description);
+            if (limbs.are_known()) lost = limbs.condition(description);
         }
+        for (Index e = 0; e < d; ++e) mode.mean[e] = description.mean_of(e)[lane];
         const auto C = [&](Index e, Index f) {
-            return description
-                .C[description.row[e] * description.d + description.row[f]][lane];
+            return description.covariance_of(e, f)[lane];
         };
-        for (Index e = 0; e < d; ++e)
-            mode.mean[e] = description.mean[description.row[e]][lane];
-        if (rank < most_stored) store(data, group, mode, rank, C);
-        if (limbs.are_known()) {
-            for (Index e = 0; e < d; ++e)
-                for (Index f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
-            const double lost = limbs.condition(mode.mean, covariance);
-            Reweighed{mixture, least_lost}.add(
-                modes, i - rank, i, lost,
-                [&](Index e, Index f) { return covariance[e * d + f]; });
-        } else {
-            mixture.add([&](Index e, Index f) { return mode.share * C(e, f); });
-        }
+        if (limbs.are_known())
+            Reweighed{mixture, least_lost}.add(modes, i - rank, i, lost[lane], C);
+        else mixture.add([&](Index e, Index f) { return mode.share * C(e, f); });
         for (Index e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
         ++rank;
         if (i + 1 < modes.count && image_of(i + 1) == image) continue;
@@ -348,10 +351,9 @@ void write_mixtures(const PosteriorData& data, const Group& group, const Modes& 
 }
 
 // Write the posteriors of the images of the group of `search`, all in double precision
-// where `precise`. covariance (3 p, 3 p) is scratch memory, and so are modes and
-// description.
+// where `precise`. modes and description are scratch memory.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
-                Description& description, LimbLengths& limbs, double* covariance) {
+                Description& description, LimbLengths& limbs) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
     for (Index i = 0; i < search.finished.count; ++i)
@@ -364,8 +366,7 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
         if (modes.count > before) write_shares(data, group, modes, before);
         else set_failed(data, group.image[slot]);
     }
-    write_mixtures(data, group, modes, search.double_precision, description, limbs,
-                   covariance);
+    write_mixtures(data, group, modes, search.double_precision, description, limbs);
 }
 
 }  // namespace
@@ -381,7 +382,6 @@ void find_posterior(const PosteriorData& data, Range range) {
     Description description(workspace, p);
     Modes modes(workspace, group.capacity * ascents_per_image(data), p);
     LimbLengths limbs(workspace, data);
-    double* covariance = workspace.zeros<double>(limbs.are_known() ? 9 * p * p : 0);
     for (Index image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (Index i = 0; i < data.mode_component.size[1]; ++i) {
@@ -396,9 +396,9 @@ void find_posterior(const PosteriorData& data, Range range) {
         bool taken[IMAGES_PER_BLOCK] = {};
         for (group.collect(data, block, taken); group.count;
              group.collect(data, block, taken)) {
-            find_group(data, false, search, modes, description, limbs, covariance);
+            find_group(data, false, search, modes, description, limbs);
             group.retain_failed();
-            find_group(data, true, search, modes, description, limbs, covariance);
+            find_group(data, true, search, modes, description, limbs);
         }
     }
 }
