@@ -193,10 +193,10 @@ class PosteriorFamily:
     def add_columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
         """Return the fit with error bars in its unit, and a verdict on each image."""
         estimate = lifting.estimate
-        scaled = estimate.scale_error_bars(lifting.scale[:, None, None])
+        scale = lifting.scale[:, None, None]
         fit = replace(
             fit,
-            shape_sd=as_rows(scaled.deviation),
+            shape_sd=as_rows(scale * estimate.deviation),
             shape_correlation=estimate.correlation.swapaxes(1, 2),
             log_evidence=estimate.log_evidence,
             inlier_probability=estimate.inlier_probability,
@@ -204,6 +204,7 @@ class PosteriorFamily:
             start_distance=estimate.start_distance,
         )
         if self.save_covariance:
+            scaled = estimate.scale_error_bars(scale)
             fit = replace(fit, shape_covariance=interleave_xyz(scaled.covariance))
         if self.proof:
             fit = with_certificate(fit, lifting, is_of_fit=False)
