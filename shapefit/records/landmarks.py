@@ -33,9 +33,9 @@ class Landmarks(Items):
 
     def weights(self) -> Floats:
         """Return the weights (n, p): the confidence, else 1; 0 where unseen."""
-        placed = np.isfinite(self.landmarks).all(axis=2)
+        has_x, has_y = np.isfinite(self.landmarks).transpose(2, 0, 1)
         confidence = 1.0 if self.confidence is None else self.confidence
-        return np.where(placed, confidence, 0.0)
+        return np.where(has_x & has_y, confidence, 0.0)
 
     def visible(self) -> Flags:
         """Return which landmarks (n, p) have a position and a confidence above 0."""
