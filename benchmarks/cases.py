@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -26,6 +28,8 @@ import numpy as np
 
 from shapefit import read_landmarks
 from shapefit.arrays import Floats
+from shapefit.convex.problem import build_problem
+from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.learning import learn_atoms
 from shapefit.geometry.cameras import project_from_afar, turntable
 from shapefit.geometry.normalisation import normalise
@@ -37,6 +41,7 @@ from shapefit.pipelines.learn_dict.from_3d import every_nth
 
 PROJECT = Path(__file__).resolve().parents[1]
 WORKER = Path(__file__).with_name("worker.py")
+PEERS = Path(__file__).with_name("peers.py")
 LAMBDA = 0.1
 
 SOLVE = """
@@ -48,6 +53,9 @@ atoms, landmarks = rng.normal(size=(2000, 3, 1000)), rng.normal(size=(4, 2, 1000
 solve_newton(build_problem(landmarks, atoms, 0.5), tolerance=1e-8, threads=1)
 """
 """A program that takes minutes, which a signal ends."""
+
+ADMM = "beside the paper's ADMM, in NumPy"
+CLARABEL = "beside CVXPY with Clarabel"
 
 MOMENT, PATIENCE = 4.0, 20.0
 """Seconds of the processor after which the signal comes, and for which an answer is
@@ -63,6 +71,9 @@ if shuffled == "True":
     np.random.default_rng(0).shuffle(rows)
 shapefit.write_landmarks(target, one[rows[: int(count)]])
 """
+
+PARTS = "parts/"
+"""A folder of results, which each run makes anew: parts that are there stay."""
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Of BLAS: its threads spin while they wait, which counts as CPU time."""
@@ -177,6 +188,8 @@ def cases(bench: Bench) -> Iterator[tuple[str, Callable[[], Row]]]:
     """Yield the name of each case and the function that measures it."""
     for name, build in kernels(bench):
         yield name, partial(compare_kernel, bench, name, build)
+    yield ADMM, partial(compare_peer, bench, ADMM, "admm", 60)
+    yield CLARABEL, partial(compare_peer, bench, CLARABEL, "clarabel", 20)
     for name, command in commands(bench).items():
         yield name, partial(compare_commands, bench, name, command)
     yield "signal, k=2000, p=1000", partial(compare_interrupts, bench)
@@ -206,7 +219,7 @@ def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
     np.savez(data, **arrays)
     with ExitStack() as stack:
         sides = [
-            stack.enter_context(Worker(side.python, data)).take_turn
+            stack.enter_context(Worker(side.python, WORKER, data)).take_turn
             for side in (bench.old, bench.new)
         ]
         return compare(
@@ -214,12 +227,31 @@ def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
         )
 
 
-class Worker:
-    """A process that runs worker.py on a file of arrays, and has solved it once."""
+def compare_peer(bench: Bench, name: str, peer: str, count: int) -> Row:
+    """Compare this solver with another one of peers.py, which runs in the environment
+    of this process, on images from all of the motion capture, or made ones without it.
+    """
+    arrays = mocap_case(bench.mocap) if bench.mocap else made_case(500, 64, 15)
+    w = arrays["landmarks"]
+    arrays["landmarks"] = w[:: len(w) // count][:count]
+    problem = build_problem(arrays["landmarks"], arrays["atoms"], LAMBDA)
+    optimum = solve_newton(problem, tolerance=1e-8).objective
+    data = bench.folder / "arrays.npz"
+    np.savez(data, **arrays, optimum=optimum)
+    with (
+        Worker(Path(sys.executable), PEERS, data, peer) as other,
+        Worker(bench.new.python, WORKER, data) as this,
+    ):
+        sides = [other.take_turn, this.take_turn]
+        return compare(name, sides, bench.repeats, count, certified=True)
 
-    def __init__(self, python: Path, data: Path) -> None:
+
+class Worker:
+    """A process that runs a script on a file of arrays, and has solved it once."""
+
+    def __init__(self, python: Path, script: Path, data: Path, *options: str) -> None:
         self._process = subprocess.Popen(
-            [python, "-P", WORKER, data],
+            [python, "-P", script, data, *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -386,6 +418,18 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         options = config_options(one, "demo/learn-dict.yaml")
         return make_once(one, "demo.h5", "learn-dict", *options)
 
+    def fit_copies(one: Environment, output: str) -> Command:
+        return [
+            "fit",
+            *copy_image(200),
+            "-d",
+            demo_dictionary(one),
+            "-o",
+            output,
+            "--set",
+            "method=convex",
+        ]
+
     found: dict[str, Callable[[Environment], Command]] = {
         "one image": lambda one: [
             *fit_one_image(one, demo_dictionary(one)),
@@ -393,16 +437,8 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             "method=convex",
         ],
         "one image, people": lambda one: fit_one_image(one, "people"),
-        "200 files of one image": lambda one: [
-            "fit",
-            *copy_image(200),
-            "-d",
-            demo_dictionary(one),
-            "-o",
-            "copies.h5",
-            "--set",
-            "method=convex",
-        ],
+        "200 files of one image": partial(fit_copies, output="copies.h5"),
+        "200 files of one image, into a folder": partial(fit_copies, output=PARTS),
     }
     if cars := bench.cars:
         data = ["--set", f"data={cars}"]
@@ -514,6 +550,14 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         images = project_images(one, 21_740)
         return make_once(one, "result.h5", "fit", images, *options)
 
+    def learn_people(one: Environment) -> Command:
+        options = config_options(one, "people/learn-dict.yaml")
+        return ["learn-dict", *options, trained, "-o", "out.h5"]
+
+    def learn_from_2d(one: Environment) -> Command:
+        images = make_once(one, "pickup.h5", "convert", pickup)
+        return ["learn-dict", images, "-o", "out.h5"]
+
     return found | {
         "fit, 21,740 images": lambda one: fit_convex(one, project_images(one, 21_740)),
         "fit, 21,740 images, shuffled": lambda one: fit_convex(
@@ -557,19 +601,10 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             "--landmarks",
             project_images(one, 21_740),
         ],
-        "learn-dict, people": lambda one: [
-            "learn-dict",
-            *config_options(one, "people/learn-dict.yaml"),
-            trained,
-            "-o",
-            "out.h5",
-        ],
-        "learn-dict, from 2D": lambda one: [
-            "learn-dict",
-            make_once(one, "pickup.h5", "convert", pickup),
-            "-o",
-            "out.h5",
-        ],
+        "learn-dict, people": learn_people,
+        "learn-dict, people, by the clock": learn_people,
+        "learn-dict, from 2D": learn_from_2d,
+        "learn-dict, from 2D, by the clock": learn_from_2d,
     }
 
 
@@ -577,16 +612,23 @@ def compare_commands(
     bench: Bench, name: str, command: Callable[[Environment], Command]
 ) -> Row:
     """Compare what a command takes in both versions, which run in turns: seconds of the
-    processor, or memory where the name of the case ends in `memory`.
+    processor, or by the clock or memory where the name of the case ends so.
     """
     in_memory = name.endswith("memory")
-    measure, unit = (measure_memory, "GB") if in_memory else (measure_seconds, "s")
+    by_clock = name.endswith("by the clock")
+    measure = measure_seconds
+    if in_memory:
+        measure = measure_memory
+    elif by_clock:
+        measure = measure_clock
     sides = [
         partial(measure, [one.command, *command(one), "-q"], bench.folder)
         for one in (bench.old, bench.new)
     ]
     if in_memory:
-        return compare(name, sides, 3, unit=unit)
+        return compare(name, sides, 3, unit="GB")
+    if by_clock:
+        return compare(name, sides, bench.repeats)
     numpy = np.median(
         [
             measure_seconds(
@@ -604,6 +646,7 @@ def measure_seconds(command: Command, folder: Path) -> Turn:
     """Run a command in a folder; return the seconds of the processor that it and its
     processes use.
     """
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
     before = os.times()
     run(command, folder)
     after = os.times()
@@ -611,6 +654,13 @@ def measure_seconds(command: Command, folder: Path) -> Turn:
         before.children_user + before.children_system
     )
     return Turn(spent)
+
+
+def measure_clock(command: Command, folder: Path) -> Turn:
+    """Run a command in a folder; return the seconds that it takes by the clock."""
+    began = time.monotonic()
+    run(command, folder)
+    return Turn(time.monotonic() - began)
 
 
 def measure_memory(command: Command, folder: Path) -> Turn:
