@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -70,6 +71,11 @@ MAX_IN_MEMORY = 1 << 19
 of items stand together.
 """
 
+MAX_PART = 1 << 16
+"""Rows that go to the temporary file together, once it is there: with as many as are
+held in memory, which leave the processor's cache, a table takes an eighth longer.
+"""
+
 ROW_BYTES = 100
 """Memory that a row takes in which items do not stand together, while it is read."""
 
@@ -100,12 +106,14 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     """
     table = Table(path, kind)
     spool = Spool()
+    max_rows = MAX_IN_MEMORY
     for cells in table.blocks:
         table.add(cells)
-        if table.size <= MAX_IN_MEMORY:
+        if table.size <= max_rows:
             continue
         if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
+            max_rows = min(MAX_PART, MAX_IN_MEMORY)
         else:
             check_fits(table.name, table.size * ROW_BYTES)
     rest = table.to_record()
@@ -501,13 +509,12 @@ class Spool:
 
     def take(self, rows: slice) -> Items:
         """Return the images `rows`, counted over all parts, as one record."""
+        first = bisect_right(self._starts, rows.start) - 1
+        end = max(bisect_left(self._starts, rows.stop), first + 1)
         parts = []
-        for number, start in enumerate(self._starts[:-1]):
+        for number, start in enumerate(self._starts[first:end], first):
             inner = slice(max(rows.start - start, 0), rows.stop - start)
-            if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[
-                number + 1
-            ]:
-                parts.append(self._part(number).take(inner))
+            parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
     def _read_part(self, number: int) -> Items:
