@@ -144,16 +144,19 @@ class SplitCells(Cells):
         data: bytes,
         words: NDArray[np.uint64],
         ends: Integers,
+        *,
+        spaced: bool,
     ) -> None:
         """Take a text as bytes and as words for the core, and where its cells end.
 
         ends: (n, columns), offsets in the bytes; each cell begins behind the one
-        before.
+        before. Where `spaced`, spaces around cells do not belong to them.
         """
         super().__init__(lines, columns)
         self._data = data
         self._words = words
         self._ends = ends
+        self._spaced = spaced
         self._place = {column: place for place, column in enumerate(columns)}
 
     def cell(self, column: str, row: int) -> str:
@@ -161,7 +164,8 @@ class SplitCells(Cells):
         ends = self._ends.ravel()
         place = row * len(self.columns) + self._place[column]
         start = ends[place - 1] + 1 if place else 0
-        return self._data[start : ends[place]].decode()
+        text = self._data[start : ends[place]].decode()
+        return text.strip() if self._spaced else text
 
     def numbers(self, column: str) -> tuple[Floats, Flags]:
         """Return the cells of a column as numbers (n,), and a mask of invalid cells."""
@@ -171,6 +175,7 @@ class SplitCells(Cells):
             letters=self._words,
             ends=self._ends,
             column=self._place[column],
+            spaced=self._spaced,
             numbers=numbers,
             is_read=is_read,
         )
@@ -189,6 +194,7 @@ class SplitCells(Cells):
             letters=self._words,
             ends=self._ends,
             column=self._place[column],
+            spaced=self._spaced,
             numbers=numbers,
             unique=unique,
         )
@@ -265,7 +271,7 @@ def _split_blocks(
     """
     width = len(columns)
     for line, text in texts:
-        split = None if spaced else split_cells(text, columns, line)
+        split = split_cells(text, columns, line, spaced=spaced)
         if split is not None:
             yield split
             continue
@@ -284,11 +290,12 @@ def _split_blocks(
 
 
 def split_cells(
-    text: bytes, columns: Sequence[str], first_line: int
+    text: bytes, columns: Sequence[str], first_line: int, *, spaced: bool = False
 ) -> SplitCells | None:
     """Split lines at commas; None if one has quotes, or not a cell for each column.
 
-    `parse_rows` takes every text, and finds the same cells.
+    Where `spaced`, spaces around cells are removed; None for texts beyond ASCII, which
+    has other spaces. `parse_rows` takes every text, and finds the same cells.
     """
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n")
@@ -296,6 +303,8 @@ def split_cells(
         return None
     if not text.endswith(b"\n"):
         text += b"\n"
+    if spaced and not text.isascii():
+        return None
     count = _count_lines(text)
     words = _as_words(text)
     ends = np.empty((count, len(columns)), np.int64)
@@ -303,7 +312,7 @@ def split_cells(
     if core.split_csv_lines(letters=words, ends=ends) < count:
         return None
     lines = np.arange(first_line, first_line + count)
-    return SplitCells(lines, columns, text, words, ends)
+    return SplitCells(lines, columns, text, words, ends, spaced=spaced)
 
 
 def _as_words(data: bytes) -> NDArray[np.uint64]:

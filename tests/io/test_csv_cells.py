@@ -71,6 +71,37 @@ def test_what_is_split_is_never_read_in_another_way(text):
         assert [cells.cell(column, number) for column in ("left", "right")] == row
 
 
+@given(st.lists(st.text(st.sampled_from("ab \t\v\x1c\xa0ü"), max_size=6), min_size=1))
+@example(["  ", " a b\t", "\va\x1f"])
+@example(["\xa0a"])
+@settings(max_examples=300)
+def test_spaces_around_cells_are_removed_as_python_does(texts):
+    text = "".join(f" a ,{cell}, b\n" for cell in texts)
+    columns = ["left", "middle", "right"]
+    cells = split_cells(text.encode(), columns, 1, spaced=True)
+    assert (cells is None) == (not text.isascii())
+    if cells is None:
+        return  # Python removes them
+    stripped = [cell.strip() for cell in texts]
+    numbers, names = cells.unique_texts("middle")
+    assert [names[number] for number in numbers] == stripped
+    assert [cells.cell("middle", row) for row in range(len(texts))] == stripped
+    assert cells.unique_texts("left")[1] == ["a"]
+    assert cells.unique_texts("right")[1] == ["b"]
+
+
+@given(st.lists(NUMBERS | LIKE_NUMBERS, min_size=1, max_size=8))
+def test_numbers_between_spaces_are_the_same(texts):
+    text = "".join(f"a , {cell}\t\n" for cell in texts)
+    cells = split_cells(text.encode(), ["left", "right"], 1, spaced=True)
+    if cells is None:
+        return  # texts beyond ASCII are left to Python
+    values, invalid = cells.numbers("right")
+    expected, expected_invalid = read_numbers([cell.strip() for cell in texts])
+    assert_array_equal(values, expected)
+    assert_array_equal(invalid, expected_invalid)
+
+
 PYTHON_NUMBERS = [
     "1",
     "-0.0",

@@ -27,6 +27,7 @@ struct CsvNumbersData {
     Vector<const uint64_t> letters = from("letters", "w");
     Matrix<const int64_t> ends = from("ends", "l c");
     Index column = from("column");
+    bool spaced = from("spaced");  // spaces around cells do not belong to them
     Vector<double> numbers = from("numbers", "l");  // nan for an empty cell
     Vector<bool> is_read = from("is_read", "l");  // false for what else may be a number
 };
@@ -37,6 +38,7 @@ struct CsvTextsData {
     Vector<const uint64_t> letters = from("letters", "w");
     Matrix<const int64_t> ends = from("ends", "l c");
     Index column = from("column");
+    bool spaced = from("spaced");  // spaces around cells do not belong to them
     Vector<int64_t> numbers = from("numbers", "l");  // of the texts of the cells
     Vector<uint64_t> unique = from("unique", "w");   // each text once, as a line
 };
@@ -58,13 +60,27 @@ uint64_t first_letter_lowest(uint64_t word) {
     return std::endian::native == std::endian::little ? word : __builtin_bswap64(word);
 }
 
+// Whether Python's `str.strip` removes a letter, which is ASCII.
+bool is_space(char letter) {
+    return letter == ' ' || (letter >= '\t' && letter <= '\r') ||
+           (letter >= '\x1c' && letter <= '\x1f');
+}
+
+// A text without the spaces around it.
+std::string_view strip(std::string_view text) {
+    while (!text.empty() && is_space(text.front())) text.remove_prefix(1);
+    while (!text.empty() && is_space(text.back())) text.remove_suffix(1);
+    return text;
+}
+
 // The text of the cell of a line in a column.
 template <class Data>
 std::string_view cell_of(const Data& data, Index line) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     const int64_t* end = data.ends.data + line * data.ends.size[1] + data.column;
     const int64_t start = line + data.column == 0 ? 0 : end[-1] + 1;
-    return {letters + start, static_cast<size_t>(*end - start)};
+    const std::string_view text(letters + start, static_cast<size_t>(*end - start));
+    return data.spaced ? strip(text) : text;
 }
 
 // Set `number` to that of a cell which is a decimal number in its usual form, as Python
