@@ -282,7 +282,7 @@ class Table:
             faults.note(column, of_item.add(column, cells, item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
-            whole = (np.abs(numbers) < MAX_FRAME) & (numbers % 1 == 0)
+            whole = (np.abs(numbers) < MAX_FRAME) & (np.trunc(numbers) == numbers)
             self.numbered = self.numbered or any(cells.unique_texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
                 texts_of_rows, texts = cells.unique_texts("sequence")
