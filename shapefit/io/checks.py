@@ -82,14 +82,15 @@ def _refuse_points(
     fix: str,
 ) -> None:
     """Raise InputError that lists the points (n, p, d) with a `bad` coordinate."""
+    if not bad.any():
+        return
     wrong = np.argwhere(bad.any(axis=2))
     problems = []
     for row, point in wrong[:LIMIT].tolist():
         what = f"landmark '{names[point]}'" if names else f"vertex {point}"
         values = ", ".join(map(str, points[row, point].tolist()))
         problems.append(f"{place(name, row)}: {what} is ({values}); {fix}")
-    if problems:
-        raise input_problems(problems, len(wrong))
+    raise input_problems(problems, len(wrong))
 
 
 def check_mesh(

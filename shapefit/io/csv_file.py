@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,7 +22,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, split_runs
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
@@ -70,6 +71,11 @@ MAX_IN_MEMORY = 1 << 19
 of items stand together.
 """
 
+MAX_PART = 1 << 16
+"""Rows that go to the temporary file together, once it is there: with as many as are
+held in memory, which leave the processor's cache, a table takes an eighth longer.
+"""
+
 ROW_BYTES = 100
 """Memory that a row takes in which items do not stand together, while it is read."""
 
@@ -100,19 +106,22 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     """
     table = Table(path, kind)
     spool = Spool()
+    max_rows = MAX_IN_MEMORY
     for cells in table.blocks:
         table.add(cells)
-        if table.size <= MAX_IN_MEMORY:
+        if table.size <= max_rows:
             continue
         if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
+            max_rows = min(MAX_PART, MAX_IN_MEMORY)
         else:
             check_fits(table.name, table.size * ROW_BYTES)
     rest = table.to_record()
     if not len(spool):
         return _sort_by_frame(rest, table.numbered, table.name)
     spool.append(rest)
-    together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)
+    hashes = np.sort(np.concatenate(spool.hashes))
+    together = not (hashes[1:] == hashes[:-1]).any()
     if together and spool.in_order:
         return spool
     if not path.is_file():
@@ -199,8 +208,8 @@ class Table:
             )
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self._scored = kind == "landmarks" and "confidence" in columns
-        self._of_items: dict[str, dict[str, str]] = {
-            column: {} for column in OF_ITEMS if column in columns
+        self._of_items = {
+            column: _ItemColumn() for column in OF_ITEMS if column in columns
         }
         self._items = _make_numbering()
         self._landmarks = _make_numbering()
@@ -215,30 +224,34 @@ class Table:
         faults = _Faults(self.name, cells)
         item = self._number_names("item", self._items, cells, faults)
         landmark = self._number_names("landmark", self._landmarks, cells, faults)
-        self._add_item_columns(cells, faults)
+        self._add_item_columns(cells, item, faults)
         points = []
         for axis in self._axes:
             values, invalid = cells.numbers(axis)
             faults.note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
-        confidence = np.zeros(len(cells.lines))
+        missed = (np.array(points) == MISSED).all(axis=0)
+        scores = []
         if self._scored:
             confidence, _ = cells.numbers("confidence")
             wrong = ~(np.isfinite(confidence) & (confidence >= 0))
             fix = "write 0 (hidden) or a positive number"
             faults.note("confidence", wrong, fix)
-        if self._kind == "landmarks":  # as some detectors write what they miss
-            missing |= (np.array(points) == MISSED).all(axis=0) & ~(confidence > 0)
-        for values in points:
-            values[missing] = np.nan
+            missed &= ~(confidence > 0)
+            scores.append(confidence)
         faults.check()
-        steps = np.diff(item, prepend=self._last)
-        self.in_order = self.in_order and not (steps < 0).any()
-        self._last = int(item[-1]) if len(item) else self._last
+        if self._kind == "landmarks":  # as some detectors write what they miss
+            missing |= missed
+        placed = np.stack(points, axis=1)
+        placed[missing] = np.nan
+        if len(item):
+            falls = item[0] < self._last or (item[1:] < item[:-1]).any()
+            self.in_order = self.in_order and not falls
+            self._last = int(item[-1])
         self.size += len(cells.lines)
         lines = cells.lines.astype(np.int32)
-        self._parts.append((lines, item, landmark, *points, confidence))
+        self._parts.append((lines, item, landmark, placed, *scores))
 
     def _number_names(
         self,
@@ -255,20 +268,21 @@ class Table:
         if "" in texts:
             empty = texts_of_rows == texts.index("")
             faults.note(column, empty, f"name the {column}")
-        numbers = np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
-        return numbers[texts_of_rows]
+        return _number_texts(column, numbering, cells)
 
-    def _add_item_columns(self, cells: Cells, faults: _Faults) -> None:
+    def _add_item_columns(
+        self, cells: Cells, item: NDArray[np.int32], faults: _Faults
+    ) -> None:
         """Store the sequence, frame and time of each item; note wrong cells as faults.
 
-        All rows of an item must have the same.
+        All rows of an item must have the same. item (n,): numbers of the rows' items.
         """
         for column, of_item in self._of_items.items():
             fix = f"give all rows of an item one {column}"
-            faults.note(column, _differ_from_item(cells, column, of_item), fix)
+            faults.note(column, of_item.add(column, cells, item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
-            whole = (np.abs(numbers) < MAX_FRAME) & (numbers % 1 == 0)
+            whole = (np.abs(numbers) < MAX_FRAME) & (np.trunc(numbers) == numbers)
             self.numbered = self.numbered or any(cells.unique_texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
                 texts_of_rows, texts = cells.unique_texts("sequence")
@@ -290,12 +304,9 @@ class Table:
         p = len(self._landmarks)
         d = len(self._axes)
         check_fits(self.name, n * p * 8 * (d + 3))
-        planes = self._planes()
-        points = np.ascontiguousarray(planes[:d].reshape(d, n, p).transpose(1, 2, 0))
-        cells = {
-            column: [of_item[name] for name in items]
-            for column, of_item in self._of_items.items()
-        }
+        points, *scores = self._by_place()
+        points = points.reshape(n, p, d)
+        cells = {column: of_item.texts() for column, of_item in self._of_items.items()}
         frames = None
         if FRAME in cells:
             numbers, _ = read_numbers(cells[FRAME])
@@ -316,26 +327,23 @@ class Table:
             return Fit(points, **of_items)
         confidence = None
         if self._scored:
-            confidence = np.nan_to_num(planes[d]).reshape(n, p)
+            confidence = np.nan_to_num(scores[0]).reshape(n, p)
         return Landmarks(points, confidence=confidence, **of_items)
 
-    def _planes(self) -> Floats:
-        """Return coordinates and confidence (d + 1, n p) of all items and landmarks.
+    def _by_place(self) -> list[Floats]:
+        """Return coordinates (n p, d) of all items and landmarks, one item's together.
 
-        NaN for landmarks that an item lacks. Raises InputError for double rows.
+        Behind them the confidence (n p,), where the table has one. Both are NaN for
+        landmarks that an item lacks. Raises InputError for double rows.
         """
         places = len(self._items) * len(self._landmarks)
-        shape = (len(self._axes) + 1, places)
         if not self._parts:
-            return np.full(shape, np.nan)
-        lines, item, landmark, *values = map(
-            np.concatenate, zip(*self._parts, strict=True)
-        )
-        self._parts = [(lines, item, landmark, *values)]
+            return [np.empty((0, len(self._axes))), np.empty(0)]
+        lines, item, landmark, *values = self._join_parts()
         place = item * np.int64(len(self._landmarks)) + landmark
         row = np.arange(len(lines))
         if len(row) == places and np.array_equal(place, row):  # as most tables are
-            return np.stack(values)
+            return values
         first = np.full(places, -1)
         first[place[::-1]] = row[::-1]
         again = np.flatnonzero(first[place] != row)
@@ -349,39 +357,46 @@ class Table:
                 for k in again[:LIMIT]
             ]
             raise input_problems(problems, len(again))
-        planes = np.full(shape, np.nan)
-        for plane, column in zip(planes, values, strict=True):
-            plane[place] = column
-        return planes
+        by_place = [np.full((places, *column.shape[1:]), np.nan) for column in values]
+        for filled, column in zip(by_place, values, strict=True):
+            filled[place] = column
+        return by_place
+
+    def _join_parts(self) -> tuple[Any, ...]:
+        """Join the parts of the table to one, and return it: columns of all rows."""
+        if len(self._parts) > 1:
+            self._parts = [tuple(map(np.concatenate, zip(*self._parts, strict=True)))]
+        return self._parts[0]
 
     def pop_all(self) -> Items:
         """Remove all items, and return them as a record; keep the landmark names."""
         images = self.to_record()
         self._parts = []
         self._items = _make_numbering()
-        self._of_items = {column: {} for column in self._of_items}
+        self._of_items = {column: _ItemColumn() for column in self._of_items}
         self.size = 0
         self._last = 0
         return images if self.numbered else replace(images, frames=None)
 
     def pop_complete(self) -> Items:
-        """Remove and return all items but the last, of which more rows may come."""
+        """Remove and return all items but the last, of which more rows may come.
+
+        The rows of each item must stand together, see `in_order`.
+        """
+        lines, item, landmark, *values = self._join_parts()
+        name, last = self._items.popitem()
+        texts = {column: of_item.pop() for column, of_item in self._of_items.items()}
+        end = int(np.searchsorted(item, last))
+        whole = (lines, item, landmark, *values)
+        self._parts = [tuple(column[:end] for column in whole)]
         images = self.to_record()
-        last = len(images) - 1
-        item, (lines, items, *values) = images.items[last], self._parts[0]
-        rows = np.flatnonzero(items == last)
-        remaining = (
-            lines[rows],
-            np.zeros_like(items[rows]),
-            *(column[rows] for column in values),
-        )
-        self._parts = [remaining]
-        self._items = _make_numbering(item)
-        self.size = len(rows)
+        rest = (lines, np.zeros_like(item), landmark, *values)
+        self._parts = [tuple(column[end:].copy() for column in rest)]
+        self._items = _make_numbering(name)
+        self._of_items = {column: _ItemColumn(text) for column, text in texts.items()}
+        self.size = len(item) - end
         self._last = 0
-        for column, of_item in self._of_items.items():
-            self._of_items[column] = {item: of_item[item]}
-        return images.take(slice(0, last))
+        return images
 
 
 class _Faults:
@@ -411,25 +426,55 @@ class _Faults:
             raise input_problems([text for _, text in ordered])
 
 
+class _ItemColumn:
+    """A column in which all rows of an item have the same text, that of each item."""
+
+    def __init__(self, *texts: str) -> None:
+        """Take the text of the first item, if there is one."""
+        self._numbering = _make_numbering(*texts)
+        self._of_items: list[int] = [*range(len(texts))]
+
+    def pop(self) -> str:
+        """Remove the last item, and return its text."""
+        return [*self._numbering][self._of_items.pop()]
+
+    def texts(self) -> tuple[str, ...]:
+        """Return the text of each item."""
+        texts = [*self._numbering]
+        return tuple([texts[number] for number in self._of_items])
+
+    def add(self, column: str, cells: Cells, item: NDArray[np.int32]) -> Flags:
+        """Add the texts of items that are new in these cells.
+
+        item (n,): numbers of the rows' items, new ones the next numbers. Returns a mask
+        (n,) of rows whose cell is not the first cell of their item.
+        """
+        text = _number_texts(column, self._numbering, cells)
+        place, names = cells.unique_texts("item")
+        items = np.empty(len(names), np.int32)
+        items[place] = item
+        first = np.empty(len(names), np.int32)
+        # Of several rows of an item the first is written last, and stays.
+        first[place[::-1]] = text[::-1]
+        is_new = items >= len(self._of_items)
+        self._of_items += first[is_new].tolist()
+        known = [self._of_items[number] for number in items.tolist()]
+        differ: Flags = text != np.array(known, np.int32)[place]
+        return differ
+
+
 def _make_numbering(*texts: str) -> defaultdict[str, int]:
     """Return a dict that numbers texts from 0: these `texts`, then each new key."""
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
 
 
-def _differ_from_item(cells: Cells, column: str, of_item: dict[str, str]) -> Flags:
-    """Return a mask (n,) of rows whose cell is not the first cell of their item.
-
-    `of_item` has the first cell of each item so far, and gets those of new items.
-    """
-    items_of_rows, items = cells.unique_texts("item")
+def _number_texts(
+    column: str, numbering: defaultdict[str, int], cells: Cells
+) -> NDArray[np.int32]:
+    """Return the number (n,) of each row's text in a column; new texts get the next."""
     texts_of_rows, texts = cells.unique_texts(column)
-    differ = np.zeros(len(items_of_rows), bool)
-    is_new = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
-    for rows in split_runs(is_new, len(items_of_rows)):
-        text = texts[texts_of_rows[rows.start]]
-        first = of_item.setdefault(items[items_of_rows[rows.start]], text)
-        differ[rows] = first != text
-    return differ
+    numbers = np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
+    return numbers[texts_of_rows]
 
 
 class Spool:
@@ -464,13 +509,12 @@ class Spool:
 
     def take(self, rows: slice) -> Items:
         """Return the images `rows`, counted over all parts, as one record."""
+        first = bisect_right(self._starts, rows.start) - 1
+        end = max(bisect_left(self._starts, rows.stop), first + 1)
         parts = []
-        for number, start in enumerate(self._starts[:-1]):
+        for number, start in enumerate(self._starts[first:end], first):
             inner = slice(max(rows.start - start, 0), rows.stop - start)
-            if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[
-                number + 1
-            ]:
-                parts.append(self._part(number).take(inner))
+            parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
     def _read_part(self, number: int) -> Items:

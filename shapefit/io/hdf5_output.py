@@ -389,15 +389,16 @@ def _encode_texts(name: str, texts: Array) -> Array:
     Raises InputError for a name with the character NUL, where HDF5 would cut it off.
     """
     given = np.ravel(texts).tolist()
-    # Names of sequences and reasons repeat, and each is encoded once.
-    utf_8 = {
-        text: str(text).encode("utf-8", "backslashreplace")
-        for text in dict.fromkeys(given)
-    }
-    with_nul = next((text for text in utf_8.values() if b"\0" in text), None)
+    unique = [*dict.fromkeys(given)]
+    utf_8 = [str(text).encode("utf-8", "backslashreplace") for text in unique]
+    with_nul = next((text for text in utf_8 if b"\0" in text), None)
     if with_nul is not None and name in NAMES:
         shown = printable(with_nul.decode("utf-8", "replace"))
         fault = f"the name '{shown}' has a character NUL, which HDF5 cannot hold"
         raise input_error(f"/{name}", fault, "rename it")
-    kind = h5py.string_dtype("utf-8", max(map(len, utf_8.values()), default=0) or 1)
-    return np.array([utf_8[text] for text in given], kind).reshape(texts.shape)
+    kind = h5py.string_dtype("utf-8", max(map(len, utf_8), default=0) or 1)
+    encoded = np.array(utf_8, kind)
+    if len(unique) < len(given):  # as names of sequences, and reasons
+        number_of = {text: number for number, text in enumerate(unique)}
+        encoded = encoded[[number_of[text] for text in given]]
+    return encoded.reshape(texts.shape)

@@ -161,6 +161,8 @@ def _find_shared_item(files: Sequence[SourceFile[Record]]) -> str | None:
     Raises InputError for items that are twice in a file. Only names whose hash is there
     twice are read again and compared: 8 bytes for each item.
     """
+    if len(files) == 1 and files[0].has_unique_items:
+        return None
 
     def item_names(file: SourceFile[Record]) -> Iterator[str]:
         """Yield the name of each item of a file."""

@@ -209,7 +209,8 @@ class SourceFile(Generic[Record]):
     `read` returns the items of some rows as a record; texts reads the dataset item or
     sequence of some rows; `place` names a row of a dataset in messages; y_axis is None
     where the file does not say it; estimate is the number of items in the file, if only
-    the first `count` were read; left_out, how many others the options leave out.
+    the first `count` were read; left_out, how many others the options leave out;
+    has_unique_items is set where its reader has made sure that no item is twice in it.
     """
 
     name: str
@@ -222,6 +223,7 @@ class SourceFile(Generic[Record]):
     y_axis: Direction | None = None
     estimate: int = 0
     left_out: int = 0
+    has_unique_items: bool = False
 
     @classmethod
     def of(
@@ -233,6 +235,7 @@ class SourceFile(Generic[Record]):
         notes: tuple[str, ...] = (),
         y_axis: Direction | None = None,
         estimate: int = 0,
+        has_unique_items: bool = False,
     ) -> SourceFile[Record]:
         """Make a file of a source from a record in memory.
 
@@ -247,6 +250,7 @@ class SourceFile(Generic[Record]):
             notes=notes,
             y_axis=y_axis,
             estimate=estimate,
+            has_unique_items=has_unique_items,
         )
 
     @cached_property
@@ -514,7 +518,7 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
         return SourceFile.of(name, _as_kind(kind, first), estimate=estimate)
     table = read_csv(path, layout.kind)
     if not isinstance(table, Spool):
-        return SourceFile.of(name, _as_kind(kind, table))
+        return SourceFile.of(name, _as_kind(kind, table), has_unique_items=True)
 
     def place(_: str, row: int) -> str:
         """Return how messages name a row: by its item."""
@@ -527,6 +531,7 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
         read=lambda rows: _as_kind(kind, table.take(rows)),
         texts=lambda dataset, rows: _column_texts(table.take(rows), dataset),
         place=place,
+        has_unique_items=True,
     )
 
 

@@ -10,13 +10,14 @@ from shapefit.io.csv_cells import ListedCells, parse_rows, read_numbers, split_c
 
 NUMBERS = st.floats().map(repr)
 LIKE_NUMBERS = st.text(st.sampled_from("00123456789..--+eE infatyx_ü\t"), max_size=9)
-TEXTS = st.text(st.sampled_from("aab01ü -"), min_size=1, max_size=2)
+TEXTS = st.text(st.sampled_from("aab01ü€Ê -"), min_size=1, max_size=2)
+"""€ and Ê in UTF-8 have the bytes of a comma and of a line end with a high bit."""
 
 
 def both(texts):
     """Return the same cells split by the core and listed, behind a column of texts."""
     text = "".join(f"a,{cell}\n" for cell in texts)
-    split = split_cells(text, ["left", "right"], 1)
+    split = split_cells(text.encode(), ["left", "right"], 1)
     lines = np.arange(1, len(texts) + 1)
     listed = ListedCells(lines, {"left": ["a"] * len(texts), "right": texts})
     return split, listed
@@ -45,6 +46,7 @@ def test_texts_are_numbered_as_they_come(texts):
     assert [names[number] for number in numbers] == texts
     assert names == expected_names
     assert_array_equal(numbers, expected_numbers)
+    assert split.unique_texts("left")[1] == ["a"]
 
 
 @pytest.mark.parametrize("size", [1, 7, 8, 9, 64])
@@ -60,13 +62,44 @@ def test_texts_of_any_size_are_read_to_their_end(size):
 @example("a,a,a\na")
 @settings(max_examples=300)
 def test_what_is_split_is_never_read_in_another_way(text):
-    cells = split_cells(text, ["left", "right"], 1)
+    cells = split_cells(text.encode(), ["left", "right"], 1)
     if cells is None:
         return  # the core leaves it to Python
     rows = [row for _, row in parse_rows([text], 1, "name")]
     assert len(cells.lines) == len(rows)
     for number, row in enumerate(rows):
         assert [cells.cell(column, number) for column in ("left", "right")] == row
+
+
+@given(st.lists(st.text(st.sampled_from("ab \t\v\x1c\xa0ü"), max_size=6), min_size=1))
+@example(["  ", " a b\t", "\va\x1f"])
+@example(["\xa0a"])
+@settings(max_examples=300)
+def test_spaces_around_cells_are_removed_as_python_does(texts):
+    text = "".join(f" a ,{cell}, b\n" for cell in texts)
+    columns = ["left", "middle", "right"]
+    cells = split_cells(text.encode(), columns, 1, spaced=True)
+    assert (cells is None) == (not text.isascii())
+    if cells is None:
+        return  # Python removes them
+    stripped = [cell.strip() for cell in texts]
+    numbers, names = cells.unique_texts("middle")
+    assert [names[number] for number in numbers] == stripped
+    assert [cells.cell("middle", row) for row in range(len(texts))] == stripped
+    assert cells.unique_texts("left")[1] == ["a"]
+    assert cells.unique_texts("right")[1] == ["b"]
+
+
+@given(st.lists(NUMBERS | LIKE_NUMBERS, min_size=1, max_size=8))
+def test_numbers_between_spaces_are_the_same(texts):
+    text = "".join(f"a , {cell}\t\n" for cell in texts)
+    cells = split_cells(text.encode(), ["left", "right"], 1, spaced=True)
+    if cells is None:
+        return  # texts beyond ASCII are left to Python
+    values, invalid = cells.numbers("right")
+    expected, expected_invalid = read_numbers([cell.strip() for cell in texts])
+    assert_array_equal(values, expected)
+    assert_array_equal(invalid, expected_invalid)
 
 
 PYTHON_NUMBERS = [

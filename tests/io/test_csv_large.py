@@ -108,7 +108,11 @@ def test_no_fewer_items_are_estimated_than_were_read(csv_table, hold, monkeypatc
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("held", [12, 50, 100])
-def test_rows_of_an_item_need_not_stand_together(table, hold, same, order, held):
+@pytest.mark.parametrize("block_bytes", [40, 1000])
+def test_rows_of_an_item_need_not_stand_together(
+    table, hold, same, monkeypatch, order, held, block_bytes
+):
+    monkeypatch.setattr(inputs, "BLOCK_BYTES", block_bytes)
     path = table(ORDERS[order])
     hold(10**6)
     whole = load(path)

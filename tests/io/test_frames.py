@@ -149,6 +149,7 @@ NO_FRAMES_OR_TIMES = [
     (",0", "frame is empty; write a whole number"),
     ("x,0", "frame is 'x'; write a whole number"),
     ("1e300,0", "frame is '1e300'; write a whole number"),
+    ("inf,0", "frame is 'inf'; write a whole number"),
     ("1,inf", "time is 'inf'; write a finite number"),
     ("1,noon", "time is 'noon'; write a finite number"),
 ]
