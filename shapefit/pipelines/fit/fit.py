@@ -33,7 +33,7 @@ from shapefit.pipelines.fit.choices import (
     with_angle_covariance,
 )
 from shapefit.pipelines.fit.export import check_export, export_meshes
-from shapefit.pipelines.fit.family import Calibration, Family, Pace
+from shapefit.pipelines.fit.family import Batch, Calibration, Family, Pace
 from shapefit.pipelines.fit.inputs import WatchedFiles
 from shapefit.pipelines.fit.record import provenance, to_record
 from shapefit.pipelines.fit.summary import (
@@ -44,7 +44,7 @@ from shapefit.pipelines.fit.summary import (
 )
 from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
-from shapefit.records import Fit, Landmarks
+from shapefit.records import Fit
 from shapefit.threads import map_ahead
 
 if TYPE_CHECKING:
@@ -142,24 +142,24 @@ def lift_all(
     """
     pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
 
-    def lift_timed(images: Landmarks) -> LiftedBatch:
+    def lift_timed(batch: Batch) -> LiftedBatch:
         """Lift a batch, and adapt the size of the next ones to its time."""
         began = time.monotonic()
-        batch = lift_batch(images, plan)
-        pace.follow(len(images), time.monotonic() - began)
-        return batch
+        lifted = lift_batch(batch, plan)
+        pace.follow(len(batch.images), time.monotonic() - began)
+        return lifted
 
     batches = plan.family.read_batches(source, pace)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
     return map_ahead(lift_timed, batches, workers=int(several))
 
 
-def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
+def lift_batch(batch: Batch, plan: FitPlan) -> LiftedBatch:
     """Lift a batch of images of the files; return its record and what is reported."""
     # each line is a stage with tests of its own
-    straight = remove_distortion(images, plan.lens)
+    straight = remove_distortion(batch.images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
-    lifted = plan.family.lift(named)
+    lifted = plan.family.lift(named, batch.group)
     record = to_record(named, lifted, plan)
     return LiftedBatch(record, describe_batch(lifted.lifting, record))
 
