@@ -41,7 +41,7 @@ from shapefit.io.layout import (
     VERSION,
     Layout,
 )
-from shapefit.io.options import RecordWriter
+from shapefit.io.options import RecordWriter, Summary
 from shapefit.records.columns import Array, present_columns
 from shapefit.records.items import Items
 
@@ -165,6 +165,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         if self.seal is not None:
             digest = digest_of_lines(self._digest_lines())
             _set_attribute(self._file.id, CONTENTS, digest)
+            self.summary = Summary(digest=digest)
         self._file.flush()
         self._datasets.clear()
 

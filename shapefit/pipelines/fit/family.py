@@ -9,7 +9,9 @@ where it is chosen.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -169,6 +171,16 @@ class Pace:
         """Return the first pace of a fit on `threads` threads, 0 for one per core."""
         all_threads = thread_count(threads)
         return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
+
+    @contextmanager
+    def timed(self, images: int) -> Iterator[None]:
+        """Adapt the size of the next batches to the time of one, which the block lifts.
+
+        images, how many it has.
+        """
+        began = time.monotonic()
+        yield
+        self.follow(images, time.monotonic() - began)
 
     def follow(self, images: int, seconds: float) -> None:
         """Adapt the size of the next batches to the seconds that a batch took."""
