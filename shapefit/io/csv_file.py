@@ -99,17 +99,18 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     item.
     """
     table = Table(path, kind)
-    spool = Spool()
+    spool: Spool | None = None
     for cells in table.blocks:
         table.add(cells)
         if table.size <= MAX_IN_MEMORY:
             continue
         if kind == "landmarks" and table.in_order:
+            spool = spool or Spool()
             spool.append(table.pop_complete())
         else:
             check_fits(table.name, table.size * ROW_BYTES)
     rest = table.to_record()
-    if not len(spool):
+    if not spool:  # or nothing was moved to it
         return _sort_by_frame(rest, table.numbered, table.name)
     spool.append(rest)
     together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)

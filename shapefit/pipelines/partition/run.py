@@ -41,6 +41,7 @@ from shapefit.config.manifest import (
     part_number,
 )
 from shapefit.config.paths import ResultFolder
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import (
     InputError,
     abbreviate,
@@ -63,7 +64,7 @@ from shapefit.io.inputs import State, find_state, is_stream
 from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
 from shapefit.lifting.methods import AUTO, METHODS
-from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, Calibrating, calibrate
 from shapefit.pipelines.fit.camera import CAMERA_DATASETS
 from shapefit.pipelines.fit.choices import (
     are_in_sequences,
@@ -186,33 +187,49 @@ def fit_locked_folder(config: FitConfig, folder: ResultFolder) -> Iterator[Resul
             " differs"
         )
         raise input_error(folder.path, fault, fix)
-    opened = OpenParts(reading_options(config))
+    with closing(OpenParts(reading_options(config))) as opened:
+        calibration = yield from settle(config, dictionary, plan, manifest, opened)
+        for text in (chosen, *calibration.lines):
+            yield Result(line=text)
+        yield Result(warnings=calibration.warnings)
+        line = RunLine(
+            shapefit=__version__,
+            method=config.method,
+            estimated=calibration._asdict(),
+            parts=tuple(part_number(part.file) for part in plan.parts),
+            removed=tuple(map(part_number, plan.removed)),
+            **plan.digests,
+        )
+        for path in unlisted:
+            path.unlink(missing_ok=True)
+        manifest = Manifest(folder.manifest, line, dict(plan.retained))
+        if uses_other_processes(folder):
+            opened.close()
+            if config.threads == 0:
+                config = config.changed(threads=1)
+        shared = calibration.apply_to(config)
+        shared = shared.changed(landmarks=())  # each part names its own
+        lifter = TogetherLifter(shared, dictionary, calibration, opened)
+        yield from run_parts(shared, folder, plan, manifest, lifter)
+
+
+def settle(
+    config: FitConfig,
+    dictionary: Dictionary,
+    plan: FolderPlan,
+    manifest: Manifest | None,
+    opened: OpenParts,
+) -> Calibrating:
+    """Estimate what the config leaves open, as `calibrate`, from images of all parts.
+
+    Parts that are retained had a calibration, which the manifest states. opened gets
+    the parts that are read.
+    """
     if manifest is not None and plan.retained:
-        calibration = calibration_of(manifest, config)
-    else:
-        images = first_images(opened, plan.parts, config.leave_one_out)
-        match = match_to_dictionary(config, dictionary, images.landmark_names)
-        calibration = yield from calibrate(config, match, images, len(images))
-    for text in (chosen, *calibration.lines):
-        yield Result(line=text)
-    yield Result(warnings=calibration.warnings)
-    line = RunLine(
-        shapefit=__version__,
-        method=config.method,
-        estimated=calibration._asdict(),
-        parts=tuple(part_number(part.file) for part in plan.parts),
-        removed=tuple(map(part_number, plan.removed)),
-        **plan.digests,
-    )
-    for path in unlisted:
-        path.unlink(missing_ok=True)
-    manifest = Manifest(folder.manifest, line, dict(plan.retained))
-    if config.threads == 0 and uses_other_processes(folder):
-        config = config.changed(threads=1)
-    shared = calibration.apply_to(config)
-    shared = shared.changed(landmarks=())  # each part names its own
-    lifter = TogetherLifter(shared, dictionary, calibration, opened)
-    yield from run_parts(shared, folder, plan, manifest, lifter)
+        return calibration_of(manifest, config)
+    images = first_images(opened, plan.parts, config.leave_one_out)
+    match = match_to_dictionary(config, dictionary, images.landmark_names)
+    return (yield from calibrate(config, match, images, len(images)))
 
 
 def method_of(manifest: Manifest) -> str:
@@ -490,7 +507,10 @@ def run_here(jobs: deque[Job], lifter: TogetherLifter | None) -> Iterator[EndedP
         for part in lifted or (None,):
             job = jobs.popleft()
             source = None if lifter is None else lifter.opened.pop(job.part)
-            yield run_job(job._replace(lifted=part, source=source))
+            ended = run_job(job._replace(lifted=part, source=source))
+            if source is not None:
+                source.close()
+            yield ended
 
 
 @contextmanager

@@ -76,6 +76,11 @@ class OpenParts:
         """Return the source of a part, to be closed by the caller, if it is open."""
         return self.sources.pop(part.file, None)
 
+    def close(self) -> None:
+        """Close all sources."""
+        while self.sources:
+            self.sources.popitem()[1].close()
+
 
 @dataclass(eq=False, repr=False)
 class TogetherLifter:
