@@ -187,30 +187,30 @@ def fit_locked_folder(config: FitConfig, folder: ResultFolder) -> Iterator[Resul
             " differs"
         )
         raise input_error(folder.path, fault, fix)
-    with closing(OpenParts(reading_options(config))) as opened:
-        calibration = yield from settle(config, dictionary, plan, manifest, opened)
-        for text in (chosen, *calibration.lines):
-            yield Result(line=text)
-        yield Result(warnings=calibration.warnings)
-        line = RunLine(
-            shapefit=__version__,
-            method=config.method,
-            estimated=calibration._asdict(),
-            parts=tuple(part_number(part.file) for part in plan.parts),
-            removed=tuple(map(part_number, plan.removed)),
-            **plan.digests,
-        )
-        for path in unlisted:
-            path.unlink(missing_ok=True)
-        manifest = Manifest(folder.manifest, line, dict(plan.retained))
-        if uses_other_processes(folder):
-            opened.close()
-            if config.threads == 0:
-                config = config.changed(threads=1)
-        shared = calibration.apply_to(config)
-        shared = shared.changed(landmarks=())  # each part names its own
-        lifter = TogetherLifter(shared, dictionary, calibration, opened)
-        yield from run_parts(shared, folder, plan, manifest, lifter)
+    opened = OpenParts(reading_options(config))
+    calibration = yield from settle(config, dictionary, plan, manifest, opened)
+    for text in (chosen, *calibration.lines):
+        yield Result(line=text)
+    yield Result(warnings=calibration.warnings)
+    line = RunLine(
+        shapefit=__version__,
+        method=config.method,
+        estimated=calibration._asdict(),
+        parts=tuple(part_number(part.file) for part in plan.parts),
+        removed=tuple(map(part_number, plan.removed)),
+        **plan.digests,
+    )
+    for path in unlisted:
+        path.unlink(missing_ok=True)
+    manifest = Manifest(folder.manifest, line, dict(plan.retained))
+    if uses_other_processes(folder):
+        opened.sources.clear()
+        if config.threads == 0:
+            config = config.changed(threads=1)
+    shared = calibration.apply_to(config)
+    shared = shared.changed(landmarks=())  # each part names its own
+    lifter = TogetherLifter(shared, dictionary, calibration, opened)
+    yield from run_parts(shared, folder, plan, manifest, lifter)
 
 
 def settle(
@@ -395,7 +395,8 @@ def first_images(
     images = 0
     for part in parts:
         try:
-            read = opened.open(part).first(SAMPLE_POOL - images)
+            with opened.look_at(part) as source:
+                read = source.first(SAMPLE_POOL - images)
         except InputError as error:
             problem = error
             continue
@@ -507,10 +508,7 @@ def run_here(jobs: deque[Job], lifter: TogetherLifter | None) -> Iterator[EndedP
         for part in lifted or (None,):
             job = jobs.popleft()
             source = None if lifter is None else lifter.opened.pop(job.part)
-            ended = run_job(job._replace(lifted=part, source=source))
-            if source is not None:
-                source.close()
-            yield ended
+            yield run_job(job._replace(lifted=part, source=source))
 
 
 @contextmanager

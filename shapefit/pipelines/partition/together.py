@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -59,27 +60,24 @@ class LiftedPart(NamedTuple):
 class OpenParts:
     """The sources of parts that were opened before their turn, by their files.
 
-    Each is read once, however often it is looked at.
+    What is read whole, as all but HDF5 is, is read once, however often one looks at it.
     """
 
     options: InputOptions
     sources: dict[str, LandmarkSource] = field(default_factory=dict)
 
-    def open(self, part: Part) -> LandmarkSource:
-        """Return the source of a part; raises InputError as `open_landmarks`."""
+    @contextmanager
+    def look_at(self, part: Part) -> Iterator[LandmarkSource]:
+        """Give the source of a part, open; raises InputError as `open_landmarks`."""
         if part.file not in self.sources:
             source = open_landmarks(part.inputs, self.options, part.slice)
             self.sources[part.file] = source
-        return self.sources[part.file]
+        with self.sources[part.file] as source:  # whose files open when they are read
+            yield source
 
     def pop(self, part: Part) -> LandmarkSource | None:
-        """Return the source of a part, to be closed by the caller, if it is open."""
+        """Return the source of a part, if one has looked at it."""
         return self.sources.pop(part.file, None)
-
-    def close(self) -> None:
-        """Close all sources."""
-        while self.sources:
-            self.sources.popitem()[1].close()
 
 
 @dataclass(eq=False, repr=False)
@@ -130,12 +128,12 @@ class TogetherLifter:
         kind: Hashable = None
         for part in parts:
             try:
-                source = self.opened.open(part)
-                if not 0 < source.count <= room:
-                    return
-                if kind not in (None, kind_of(source.head)):
-                    return
-                images = source.whole()
+                with self.opened.look_at(part) as source:
+                    if not 0 < source.count <= room:
+                        return
+                    if kind not in (None, kind_of(source.head)):
+                        return
+                    images = source.whole()
             except InputError:  # the part reports it
                 return
             kind = kind_of(source.head)

@@ -1,5 +1,6 @@
 """Small parts that are lifted together are, to the last byte, what each is alone."""
 
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,20 @@ def test_parts_that_differ_are_lifted_each_as_it_is(images, lifted, monkeypatch)
     assert done(outcomes) == 20
     assert lifted == [2, 2, 2, 2, 4, 2, 2, 2, 2]
     check_alone(monkeypatch, outcomes)
+
+
+def test_no_more_files_are_open_than_a_process_may_have(images):
+    """Sources that wait for their turn hold no file."""
+    for number in range(80):
+        save(Path(f"{number}.h5"), images(1))
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (64, before[1]))
+    try:
+        outcomes = fit()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert not failures(outcomes)
+    assert done(outcomes) == 80
 
 
 def test_each_file_is_read_once(images, monkeypatch):
