@@ -11,7 +11,8 @@ from numpy.testing import assert_array_equal
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.io import open_landmarks
-from shapefit.pipelines.fit.fit import fit
+from shapefit.pipelines.fit.family import Calibration
+from shapefit.pipelines.fit.fit import WHOLE_FIT, FitPart, fit
 from shapefit.pipelines.partition.run import fit_parts
 from tests.api.conftest import read_values
 from tests.io.files import save
@@ -79,7 +80,7 @@ def keys_of(case: str) -> dict:
     return {"method": case, "frame_rate": 24, "tolerance": 1e-6, **keys}
 
 
-def run(world, folder: Path, case: str, **way) -> list[Path]:
+def run(world, folder: Path, case: str, part: FitPart = WHOLE_FIT, **way) -> list[Path]:
     """Fit by a method; return the results, one or several."""
     way = {"landmarks": ["views.h5"], "output": Path("other.h5"), **way}
     dictionary, _ = METHODS[case]
@@ -95,8 +96,8 @@ def run(world, folder: Path, case: str, **way) -> list[Path]:
             "output": replace(output, path=written) if in_parts else written,
         },
     )
-    runner = fit_parts if in_parts else fit
-    for outcome in runner(config):
+    outcomes = fit_parts(config) if in_parts else fit(config, part)
+    for outcome in outcomes:
         assert not outcome.failures
     return sorted(written.glob("*.h5")) if in_parts else [written]
 
@@ -143,3 +144,43 @@ def test_every_way_has_the_same_bits(world, folder, expected, case, way):
     assert len(plain) >= 5
     for name in plain:
         assert_array_equal(found[name], plain[name], err_msg=name)
+
+
+SIZES_OF_FILES = (1, 64, 1, 2, 30)
+
+SMALL_FILES = ("convex", "l1", "ransac", "convex+refine", "perspective", "posterior")
+
+
+@pytest.fixture(scope="module")
+def small_files(folder):
+    """Files of one image and of many, which follow each other in a video."""
+    with open_landmarks([folder / "views.h5"]) as source:
+        images = source.whole().replaced(frames=None, times=None, sequences=None)
+    names = []
+    stop = 0
+    for count in SIZES_OF_FILES:
+        start, stop = stop, stop + count
+        names.append(f"from {start}.csv")
+        save(folder / names[-1], images.take(slice(start, stop)))
+    return names
+
+
+@pytest.mark.parametrize("case", SMALL_FILES)
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_file_has_the_same_bits_whatever_others_are_given(
+    world, folder, small_files, case, threads
+):
+    part = FitPart(calibration=Calibration(lines=("camera: unknown",)))
+    way = {"threads": threads, "landmarks": small_files}
+    together = datasets(run(world, folder, case, part, **way))
+    alone: dict[str, list[np.ndarray]] = {}
+    for name in small_files:
+        of_file = datasets(run(world, folder, case, part, landmarks=[name]))
+        for dataset, values in of_file.items():
+            alone.setdefault(dataset, []).append(values)
+    assert len(together) >= 5
+    for name, values in together.items():
+        expected = alone[name][0]
+        if name not in OF_A_FILE:
+            expected = np.concatenate(alone[name])
+        assert_array_equal(values, expected, err_msg=name)

@@ -331,9 +331,10 @@ def _lift(
         for batch in batches:
             tally.add(batch.record)
             records.append(batch.record)
-            for failure in batch.event.failures:
+            event = batch.event
+            for failure in event.failures:
                 failures[failure.item] = failure.reason
-            merge_warnings(messages, batch.event.warnings)
+            merge_warnings(messages, event.warnings)
     of_all = warn_of_all(tally, plan, source.head)
     warn((*messages.values(), *match.warnings(), *of_all))
     whole = concatenate(records)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Integers
+from shapefit.core import IMAGES_PER_BLOCK
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -55,7 +56,9 @@ class Problem:
     > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2), the
     covariance of each landmark's measurement, and camera, that of the images in the
     unit of W, are no part of the program: methods that start from its solution may use
-    them where they are known. Raises ValueError on shapes or values that do not fit.
+    them where they are known. group (n,), a number for each image: images start from
+    the solutions of others of their group alone; by default they are one group. Raises
+    ValueError on shapes or values that do not fit.
     """
 
     landmarks: Floats
@@ -66,6 +69,7 @@ class Problem:
     beta: float = 0.1
     noise: Floats | None = None
     camera: Camera | None = None
+    group: Integers | None = None
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "weights", "atoms", "lam"):
@@ -109,6 +113,9 @@ class Problem:
         camera = None
         if self.camera is not None:
             camera = self.camera.take(np.arange(len(self.landmarks))[images])
+        group = None
+        if self.group is not None:
+            group = self.group[images]
         return replace(
             self,
             landmarks=self.landmarks[images],
@@ -116,7 +123,16 @@ class Problem:
             lam=self.lam[images],
             noise=noise,
             camera=camera,
+            group=group,
         )
+
+    @property
+    def begins(self) -> Flags:
+        """Return which images (n,) begin a block, see `find_blocks`."""
+        group = self.group
+        if group is None:
+            group = np.zeros(len(self.lam), np.int64)
+        return find_blocks(group)
 
     @property
     def arrays(self) -> ProblemArrays:
@@ -148,6 +164,19 @@ class Problem:
         return np.inf
 
 
+def find_blocks(group: Integers) -> Flags:
+    """Return which images (n,) begin a block: IMAGES_PER_BLOCK images or fewer of one
+    group, one after the other.
+
+    group (n,), a number for each image. Images start from solutions of their block.
+    """
+    place = np.arange(len(group))
+    is_new = np.diff(group, prepend=group[:1] - 1) != 0
+    first: Integers = np.maximum.accumulate(np.where(is_new, place, 0))
+    begins: Flags = (place - first) % IMAGES_PER_BLOCK == 0
+    return begins
+
+
 def build_problem(
     landmarks: Floats,
     atoms: Floats,
@@ -156,14 +185,15 @@ def build_problem(
     weights: Floats | None = None,
     loss: Loss = Loss.SQUARED,
     beta: float = 0.1,
+    group: Integers | None = None,
 ) -> Problem:
     """Return the convex program of landmarks and atoms, with defaults filled in.
 
     landmarks (n, 2, p), or (2, p) of a single image; hidden landmarks may be nan.
     Weights are by default 1 where a landmark is finite, else 0. lam (n,), or one number
-    for all images. Under the EXACT loss a weight says only whether a landmark is seen:
-    all positive weights become 1. Raises ValueError where a landmark of positive weight
-    is not finite, or shapes or values do not fit.
+    for all images; group, as in `Problem`. Under the EXACT loss a weight says only
+    whether a landmark is seen: all positive weights become 1. Raises ValueError where a
+    landmark of positive weight is not finite, or shapes or values do not fit.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     visible = np.all(np.isfinite(W), axis=1)
@@ -176,4 +206,4 @@ def build_problem(
         raise ValueError("landmarks of positive weight must be finite")
     W = np.where((omega > 0)[:, None, :], W, 0.0)
     lam_of_each = np.broadcast_to(lam, (len(W),))
-    return Problem(W, omega, atoms, lam_of_each, loss, beta)
+    return Problem(W, omega, atoms, lam_of_each, loss, beta, group=group)

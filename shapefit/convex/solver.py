@@ -148,6 +148,7 @@ def solve_directly(
         **problem.arrays,
         delta=float(problem.loss.has_quadratic),
         bound=problem.max_dual_entry,
+        begins=problem.begins,
         tolerance=tolerance,
         max_steps=max_iterations,
         threads=threads,

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 
@@ -148,11 +148,13 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
         w = centre_and_weight(problem.landmarks[rows], weights)
         ones = np.ones((len(rows), basis.shape[1]))
         atoms = reduce_atoms(problem.atoms, weights[0], basis)
-        reduced = Problem(w @ basis, ones, atoms, problem.lam[rows])
+        group = None if problem.group is None else problem.group[rows]
+        reduced = Problem(w @ basis, ones, atoms, problem.lam[rows], group=group)
         return Reduced(rows, reduced, basis)
 
-    for start in range(0, len(problem.lam), core.IMAGES_PER_BLOCK):
-        rows = np.arange(start, min(start + core.IMAGES_PER_BLOCK, len(problem.lam)))
+    begins = np.flatnonzero(problem.begins).tolist()
+    for start, stop in pairwise([*begins, len(problem.lam)]):
+        rows = np.arange(start, stop)
         masks, mask_of = distinct_rows(problem.weights[rows])
         if together:
             has_same_weights = problem.weights[together[-1][0]] == masks

@@ -6,8 +6,8 @@ There is a module for each instruction set that was built. `LEVEL` names the one
 environment variable SHAPEFIT_LEVEL forces one; InputError where there is none of that
 name. Functions take C-contiguous float64 arrays, write their outputs in place and
 release the GIL; the rooms that call them allocate. Arrays of another shape raise
-ValueError, of another type TypeError. They take the images of a batch in blocks of
-IMAGES_PER_BLOCK: only within one do images start from one another's solutions.
+ValueError, of another type TypeError. Threads take the images of a batch
+IMAGES_PER_BLOCK at a time, and so many at most start from one another's solutions.
 """
 
 from __future__ import annotations

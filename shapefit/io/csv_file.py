@@ -105,19 +105,20 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     item.
     """
     table = Table(path, kind)
-    spool = Spool()
+    spool: Spool | None = None
     max_rows = MAX_IN_MEMORY
     for cells in table.blocks:
         table.add(cells)
         if table.size <= max_rows:
             continue
         if kind == "landmarks" and table.in_order:
+            spool = spool or Spool()
             spool.append(table.pop_complete())
             max_rows = min(MAX_PART, MAX_IN_MEMORY)
         else:
             check_fits(table.name, table.size * ROW_BYTES)
     rest = table.to_record()
-    if not len(spool):
+    if not spool:  # or nothing was moved to it
         return _sort_by_frame(rest, table.numbered, table.name)
     spool.append(rest)
     hashes = np.sort(np.concatenate(spool.hashes))

@@ -319,15 +319,6 @@ def read_seal(path: Path) -> Seal:
     return Seal(stated, found, rows)
 
 
-def stated_digest(path: Path) -> str:
-    """Return the digest of contents that a result file states, "" if it has none.
-
-    It was written by this run, and is opened without the checks of other files.
-    """
-    with h5py.File(path, "r", locking=False) as file:
-        return str(file.attrs.get(CONTENTS, ""))
-
-
 class Hdf5Reader(Hdf5File):
     """An open HDF5 file of a known layout; a context manager.
 

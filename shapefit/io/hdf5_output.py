@@ -13,6 +13,7 @@ import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO
@@ -40,7 +41,7 @@ from shapefit.io.layout import (
     VERSION,
     Layout,
 )
-from shapefit.io.options import RecordWriter
+from shapefit.io.options import RecordWriter, Summary
 from shapefit.records.columns import Array, present_columns
 from shapefit.records.items import Items
 
@@ -53,6 +54,8 @@ SPARE = 1 << 21
 METADATA_SHARE = 50
 """Of one byte of metadata for so many of values, when space is reserved."""
 
+TEXT = h5py.string_dtype()
+"""Of an attribute: a text of any length."""
 
 NAMES = ("item", "sequence", "landmark_names")
 """Datasets by whose texts images and landmarks are told apart."""
@@ -115,7 +118,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         self._buffered: dict[str, list[Array]] = {}
         self._buffered_bytes: dict[str, int] = {}
         self._texts: dict[str, list[Array]] = {}
-        self._datasets: dict[str, h5py.Dataset] = {}
+        self._datasets: dict[str, _StoredDataset] = {}
         self._digests: dict[str, ValuesDigest] = {}
 
     def append(self, record: Items | Dictionary) -> None:
@@ -157,10 +160,12 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         for name, values in self._whole.items():
             self._write_whole(name, values)
         for name in self._per_item_datasets:
-            _set_attribute(self._datasets[name], PER_ITEM, True)
+            _set_attribute(self._datasets[name].handle, PER_ITEM, True)
         self._write_attributes()
         if self.seal is not None:
-            _set_attribute(self._file, CONTENTS, digest_of_lines(self._digest_lines()))
+            digest = digest_of_lines(self._digest_lines())
+            _set_attribute(self._file.id, CONTENTS, digest)
+            self.summary = Summary(digest=digest)
         self._file.flush()
         self._datasets.clear()
 
@@ -195,17 +200,14 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             rows = _chunk_rows(values)
             self._reserve_for(rows * values.itemsize * math.prod(rest))
             self._datasets[name] = _create_dataset(
-                self._file,
+                self._file.id,
                 name,
                 values,
                 chunks=(rows, *(max(size, 1) for size in rest)),
                 grows=not are_last,
             )
             return
-        dataset = self._datasets[name]
-        start = len(dataset)
-        dataset.resize(start + len(values), axis=0)
-        dataset[start:] = values
+        self._datasets[name].extend(values)
 
     def _write_whole(self, name: str, values: Array) -> None:
         """Write a dataset that is not per item."""
@@ -215,7 +217,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         # HDF5 has no checksum for one value.
         checked = stored.size > 0 and stored.ndim > 0
         self._datasets[name] = _create_dataset(
-            self._file, name, stored, chunks=stored.shape if checked else None
+            self._file.id, name, stored, chunks=stored.shape if checked else None
         )
 
     def _write_attributes(self) -> None:
@@ -223,7 +225,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         stated = self._root_attributes()
         self._reserve_for(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
-            _set_attribute(self._file, name, value)
+            _set_attribute(self._file.id, name, value)
 
     def _root_attributes(self) -> Mapping[str, object]:
         """Return the root attributes: format, unit and so on, and `attributes`.
@@ -269,34 +271,51 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             _reserve(self._space, self._reserved)
 
 
+@dataclass(eq=False, repr=False)
+class _StoredDataset:
+    """A dataset in the file, by the handle of HDF5, and what was written to it."""
+
+    handle: h5py.h5d.DatasetID
+    dtype: np.dtype[np.generic]
+    shape: tuple[int, ...]
+
+    def extend(self, values: Array) -> None:
+        """Append rows."""
+        start = self.shape[0]
+        self.shape = (start + len(values), *self.shape[1:])
+        self.handle.set_extent(self.shape)
+        h5py.Dataset(self.handle)[start:] = values
+
+
+# By the calls of HDF5 itself, with what can be made once: `create_dataset` takes three
+# times as long, and what is written of an image are 23 datasets of a few bytes.
+
+
 def _create_dataset(
-    file: h5py.File,
+    file: h5py.h5f.FileID,
     name: str,
     values: Array,
     chunks: tuple[int, ...] | None,
     *,
     grows: bool = False,
-) -> h5py.Dataset:
-    """Create a dataset of these values, with checksums where it has chunks.
-
-    By the calls of HDF5 itself: `create_dataset` takes three times as long, which is
-    most of the time of a small file.
-    """
+) -> _StoredDataset:
+    """Create a dataset of these values, with checksums where it has chunks."""
     limits = values.shape
     if grows:
         rest = (size or h5py.h5s.UNLIMITED for size in values.shape[1:])
         limits = (h5py.h5s.UNLIMITED, *rest)
+    kind = _hdf5_type(values.dtype)
     made = h5py.h5d.create(
-        file.id,
+        file,
         name.encode(),
-        h5py.h5t.py_create(values.dtype, logical=True),
+        kind,
         _dataspace(values.shape, limits),
         _creation_properties(chunks),
         _link_properties(),
     )
     if values.size:
-        made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values))
-    return h5py.Dataset(made)
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values), kind)
+    return _StoredDataset(made, values.dtype, values.shape)
 
 
 @lru_cache(maxsize=64)
@@ -319,17 +338,40 @@ def _link_properties() -> h5py.h5p.PropLCID:
     return path
 
 
-def _set_attribute(node: h5py.HLObject, name: str, value: object) -> None:
+def _set_attribute(node: h5py.h5g.GroupID, name: str, value: object) -> None:
     """Create an attribute of a file or dataset."""
     if not isinstance(value, str | bool | int | float):
-        node.attrs[name] = value
+        h5py.AttributeManager(h5py.HLObject(node))[name] = value
         return
-    stored = np.asarray(value, h5py.string_dtype() if isinstance(value, str) else None)
-    kind = h5py.h5t.py_create(stored.dtype, logical=True)
-    space = _dataspace(stored.shape, stored.shape)
-    h5py.h5a.create(node.id, name.encode(), kind, space).write(stored)
+    stored = np.asarray(value, TEXT if isinstance(value, str) else None)
+    kind = _hdf5_type(stored.dtype)
+    h5py.h5a.create(node, name.encode(), kind, _dataspace((), ())).write(stored)
 
 
+def _hdf5_type(dtype: np.dtype[np.generic]) -> h5py.h5t.TypeID:
+    """Return the HDF5 type of values; those of numbers and of attributes' texts are
+    made once.
+    """
+    if dtype is TEXT:
+        return _text_type()
+    if dtype.kind in "biuf" and dtype.metadata is None:
+        return _number_type(dtype)
+    return h5py.h5t.py_create(dtype, logical=True)
+
+
+@cache
+def _text_type() -> h5py.h5t.TypeID:
+    """Return the HDF5 type of a text of any length."""
+    return h5py.h5t.py_create(TEXT, logical=True)
+
+
+@cache
+def _number_type(dtype: np.dtype[np.generic]) -> h5py.h5t.TypeID:
+    """Return the HDF5 type of numbers or flags."""
+    return h5py.h5t.py_create(dtype, logical=True)
+
+
+@lru_cache(maxsize=64)
 def _dataspace(shape: tuple[int, ...], limits: tuple[int, ...]) -> h5py.h5s.SpaceID:
     """Return the HDF5 dataspace of a shape that can grow up to `limits`."""
     if not shape:

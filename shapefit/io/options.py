@@ -74,13 +74,15 @@ BY_DEFAULT = OutputOptions()
 
 class Summary(NamedTuple):
     """What was written: the unit and axes, what to beware of, and the files if not the
-    target; how certain joint angles are, where they are what was asked for.
+    target; how certain joint angles are, where they are what was asked for; the digest
+    of its contents, where the file states it.
     """
 
     note: str = ""
     warnings: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
     angles: str = ""
+    digest: str = ""
 
 
 Record = TypeVar("Record")

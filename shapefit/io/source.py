@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
     CENTRED,
@@ -333,11 +333,11 @@ class Source(Generic[Record]):
         self.left_out = sum(file.left_out for file in files)
         self.states_y_axis = any(file.y_axis is not None for file in files)
 
-    def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
+    def batches(self, size: int) -> Iterator[Record]:
         """Yield records of `size` >= 1 items in order, the last one of fewer.
 
-        With `by_file` none has items of two files. A source without items gives one
-        empty record, so that what is made of it can be written.
+        A source without items gives one empty record, so that what is made of it can be
+        written.
         """
         parts: list[Record] = []
         remaining = size
@@ -345,15 +345,41 @@ class Source(Generic[Record]):
             start = 0
             while start < file.count:
                 stop = min(start + remaining, file.count)
-                parts.append(
-                    align_to(file.read(slice(start, stop)), self.head, file.name)
-                )
+                parts.append(self._read(file, slice(start, stop)))
                 remaining, start = remaining - (stop - start), stop
-                if remaining == 0 or (by_file and stop == file.count):
+                if remaining == 0:
                     yield concatenate(parts)
                     parts, remaining = [], size
         if parts or not self.count:
             yield concatenate(parts) if parts else self.head
+
+    def batches_of_files(self, size: int) -> Iterator[tuple[Record, Integers]]:
+        """Yield records of up to `size` items, and the number (n,) of the file of each.
+
+        Files stay whole, several of them together, but for those of more items, which
+        are divided into records of `size` and a rest. A source without items gives one
+        empty record.
+        """
+        parts: list[Record] = []
+        numbers: list[Integers] = []
+        room = size
+        for number, file in enumerate(self._files):
+            for start in range(0, file.count, size):
+                count = min(size, file.count - start)
+                if count > room:
+                    yield concatenate(parts), np.concatenate(numbers)
+                    parts, numbers, room = [], [], size
+                parts.append(self._read(file, slice(start, start + count)))
+                numbers.append(np.full(count, number))
+                room -= count
+        if parts:
+            yield concatenate(parts), np.concatenate(numbers)
+        elif not self.count:
+            yield self.head, np.empty(0, np.int64)
+
+    def _read(self, file: SourceFile[Record], rows: slice) -> Record:
+        """Read some rows of one of the files, with the columns that all have."""
+        return align_to(file.read(rows), self.head, file.name)
 
     def select(self, rows: NDArray[np.intp], size: int) -> Iterator[Record]:
         """Yield the items at `rows` (ascending), read in batches of `size` items."""

@@ -119,12 +119,14 @@ def lift(
     program: Program,
     estimator: Estimator[E],
     camera: Camera | None = None,
+    group: Integers | None = None,
 ) -> Lifting[E]:
     """Lift the landmarks of n images to shapes by a method, in their own unit.
 
     landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p); estimator, the
     method on normalised landmarks; camera of the images, for a method that looks
-    through it. Images that cannot be lifted have a reason in `failures`.
+    through it; group (n,), in which images start from each other, see `Problem`. Images
+    that cannot be lifted have a reason in `failures`.
     """
     norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
@@ -136,6 +138,7 @@ def lift(
         weights=np.where(fine[:, None], weights, 0.0),
         loss=program.loss,
         beta=program.beta,
+        group=group,
     )
     noise = noise_of_landmarks(program, size, weights.shape)
     if camera is not None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
+from shapefit.lifting.reconstruction import combine
 
 
 def transform_mesh(
@@ -32,9 +33,10 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     """
     size = np.linalg.norm(atoms, axis=(1, 2))
     share = coefficients * size
-    shapes = np.tensordot(coefficients, atoms, axes=1)
+    shapes = combine(coefficients, atoms)
     total = share.sum(axis=1) * np.linalg.norm(shapes, axis=(1, 2))
-    lengths = share @ (atom_scale * size)
+    # no product of matrices, whose rounding depends on how many images there are
+    lengths = (share * (atom_scale * size)).sum(axis=1)
     unknown = np.full_like(total, np.nan)
     scale: Floats = np.divide(lengths, total, out=unknown, where=total > 0)
     return scale

@@ -78,9 +78,9 @@ class Result(NamedTuple):
     It has `done` items of `total`, None where that is not known. reasons count the
     items whose result is not to be trusted; unit is what the items are, where that
     depends on the config; note is a short state for a progress bar, and line is shown
-    at once. written are the files that now stand complete; rows, a summary for people,
-    label and text; numbers, the same for programs; data gives what the note says in
-    values of JSON.
+    at once. written are the files that now stand complete; digest, that of the contents
+    of a result; rows, a summary for people, label and text; numbers, the same for
+    programs; data gives what the note says in values of JSON.
     """
 
     done: int = 0
@@ -93,6 +93,7 @@ class Result(NamedTuple):
     rows: tuple[tuple[str, str], ...] = ()
     line: str = ""
     written: tuple[Path, ...] = ()
+    digest: str = ""
     numbers: Numbers | None = None
     data: Callable[[], object] | None = None
 

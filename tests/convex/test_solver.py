@@ -12,7 +12,7 @@ from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import nuclear_norm
 from tests.convex.conftest import assert_certified, judge
-from tests.points import resized, transpose
+from tests.points import resized, transpose, with_noise
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
@@ -108,6 +108,35 @@ def test_exact_program_without_a_solution_is_never_optimal(rng):
 
 def random_orthogonal(rng, size):
     return np.linalg.qr(rng.standard_normal((size, size)))[0]
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+@pytest.mark.parametrize("p", [10, 210])
+def test_images_start_from_others_of_their_group_alone(make_problem, rng, threads, p):
+    """Each group of a problem has the bits that it has by itself."""
+    counts = [1, 70, 1, 1, 130, 63]
+    group = np.repeat(np.arange(len(counts)), counts)
+    one = make_problem(n=1, p=p, k=3, lam=0.01, weighted=False)
+    shaken = with_noise(np.repeat(one.landmarks, len(group), axis=0), 0.01, rng)
+    together = replace(
+        one,
+        landmarks=shaken,
+        weights=np.repeat(one.weights, len(group), axis=0),
+        lam=np.repeat(one.lam, len(group)),
+        group=group,
+    )
+
+    solution = solve_newton(together, threads=threads)
+
+    alone = [
+        solve_newton(replace(together.take(group == number), group=None))
+        for number in range(len(counts))
+    ]
+    for name in ("objective", "dual", "iterations"):
+        joined = np.concatenate([getattr(each, name) for each in alone])
+        assert_array_equal(getattr(solution, name), joined)
+    as_one = solve_newton(replace(together, group=None))
+    assert (as_one.dual != solution.dual).any()
 
 
 @pytest.mark.parametrize("second", [1.0, 1 - 1e-9, 1e-9, 0.0])

@@ -37,20 +37,40 @@ def test_files_are_counted_and_described_as_one(parts):
         assert source.head.y_axis == "down"
 
 
-@pytest.mark.parametrize("by_file", [False, True])
 @pytest.mark.parametrize("size", [1, 2, 3, 100])
-def test_batches_run_over_the_ends_of_files_unless_asked(
-    parts, landmarks, same, by_file, size
-):
-    ends = {rows.stop for rows in PARTS} if by_file else {5}
+def test_batches_run_over_the_ends_of_files(parts, landmarks, same, size):
     start = 0
     with open_landmarks(parts) as source:
-        for batch in source.batches(size, by_file=by_file):
-            end_of_file = min(end for end in ends if end > start)
-            stop = min(start + size, end_of_file)
+        for batch in source.batches(size):
+            stop = min(start + size, 5)
             same(batch, landmarks.take(slice(start, stop)))
             start = stop
     assert start == 5
+
+
+FILES_TOGETHER = {
+    1: [[0], [2], [2], [2], [3]],
+    2: [[0], [2, 2], [2, 3]],
+    3: [[0], [2, 2, 2], [3]],
+    4: [[0, 2, 2, 2], [3]],
+    100: [[0, 2, 2, 2, 3]],
+}
+"""Largest number of items -> the numbers of their files in each batch."""
+
+
+@pytest.mark.parametrize(("size", "expected"), FILES_TOGETHER.items())
+def test_files_that_fit_stay_whole_and_go_together(
+    parts, landmarks, same, size, expected
+):
+    start = 0
+    found = []
+    with open_landmarks(parts) as source:
+        for batch, file in source.batches_of_files(size):
+            stop = start + len(batch)
+            same(batch, landmarks.take(slice(start, stop)))
+            found.append(file.tolist())
+            start = stop
+    assert found == expected
 
 
 def test_images_of_several_files_are_chosen(parts, landmarks):

@@ -61,6 +61,14 @@ class TestMetricSize:
             assert largest_misfit(shape, model) < 1e-12
 
 
+def test_the_size_of_an_image_does_not_depend_on_the_others(rng):
+    atoms = rng.normal(size=(40, 3, 15))
+    coefficients = rng.random((50, 40))
+    factors = metric_scale(atoms, coefficients, np.ones(40))
+    alone = [metric_scale(atoms, c[None], np.ones(40)) for c in coefficients]
+    assert_array_equal(factors, np.concatenate(alone))
+
+
 def test_without_coefficients_there_is_no_metric_size(rng):
     atoms = rng.normal(size=(2, 3, 4))
     coefficients = np.array([[0.0, 0], [1, 0]])

@@ -67,9 +67,9 @@ struct Range {
     Index last = 0;
 };
 
-// Images of one block may start from one another's solutions; each block starts afresh.
-// Its length is fixed, so that no result depends on the number of threads, nor on how a
-// file is cut into batches of whole blocks.
+// Images of one block, so many at most, may start from one another's solutions; each
+// block starts afresh. This length is fixed, so that no result depends on the number of
+// threads, nor on how a file is cut into batches of whole blocks.
 constexpr Index IMAGES_PER_BLOCK = 64;
 
 // Throw std::bad_alloc where `bytes` could not be allocated; bind/module.cpp defines

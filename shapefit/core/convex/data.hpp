@@ -73,6 +73,9 @@ struct ConvexProof {
 
 struct ConvexOptions {
     Arguments& from;
+    // which images begin a block: only within one do images start from one another's
+    // solutions
+    Vector<const bool> begins = from("begins", "n");
     double tolerance = from("tolerance");
     Index max_steps = from("max_steps");
 };

@@ -520,12 +520,18 @@ class BlockSolver {
 
 }  // namespace
 
-// Solve the images of the range in turn, block by block, and certify each.
+// Solve the images of all blocks that begin in the range in turn, and certify each. The
+// range may end within a block, which is solved to its end.
 void solve_convex(const ConvexTask& task, Range range) {
+    const Vector<const bool> begins = task.options.begins;
+    const Index images = begins.size[0];
     BlockSolver solver(task);
-    for (Index image = range.first; image < range.last; ++image) {
-        if (image % IMAGES_PER_BLOCK == 0) solver.begin();
-        solver.solve(image);
+    for (Index first = range.first; first < range.last; ++first) {
+        if (!begins[first]) continue;
+        solver.begin();
+        solver.solve(first);
+        for (Index image = first + 1; image < images && !begins[image]; ++image)
+            solver.solve(image);
     }
 }
 

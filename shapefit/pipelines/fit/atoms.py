@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, evenly
+from shapefit.arrays import Floats, Integers, evenly
 from shapefit.config import FitConfig
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
@@ -27,6 +27,7 @@ from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import blank_failed, with_certificate
 from shapefit.pipelines.fit.family import (
+    Batch,
     Calibration,
     Cost,
     LiftedImages,
@@ -128,16 +129,16 @@ class AtomFamily:
         """Return an empty calibration: only the camera is left open."""
         return Calibration()
 
-    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Batch]:
         """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> LiftedImages:
+    def lift(self, images: Landmarks, group: Integers | None = None) -> LiftedImages:
         """Lift images, without the atoms of their items if `leave_one_out` is set."""
         if self.leave_one_out is None:
-            lifting = self.lift_images(images)
+            lifting = self.lift_images(images, group)
         else:
-            lifting = self.lift_omitting(images, self.leave_one_out)
+            lifting = self.lift_omitting(images, self.leave_one_out, group)
         omitted = None
         if self.leave_one_out is not None:
             omitted = find_omitted(images, self.leave_one_out, self.dictionary)
@@ -159,7 +160,9 @@ class AtomFamily:
             fit = with_certificate(fit, lifting, is_of_fit=is_of_fit)
         return fit
 
-    def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
+    def lift_images(
+        self, images: Landmarks, group: Integers | None = None
+    ) -> Lifting[AtomEstimate]:
         """Lift images, then refine pose and coefficients for the camera, if any.
 
         Methods that look through the camera themselves are not refined.
@@ -168,7 +171,14 @@ class AtomFamily:
         estimator = ESTIMATORS[self.method](self)
 
         def lift_weighted(weights: Floats) -> Lifting[AtomEstimate]:
-            return lift(w, weights, self.dictionary.atoms, self.program, estimator)
+            return lift(
+                w,
+                weights,
+                self.dictionary.atoms,
+                self.program,
+                estimator,
+                group=group,
+            )
 
         lifting = lift_inliers(
             lift_weighted,
@@ -185,7 +195,9 @@ class AtomFamily:
             lifting = refine_view(lifting, w, camera, self.dictionary, self.threads)
         return lifting
 
-    def lift_omitting(self, images: Landmarks, dataset: str) -> Lifting[AtomEstimate]:
+    def lift_omitting(
+        self, images: Landmarks, dataset: str, group: Integers | None
+    ) -> Lifting[AtomEstimate]:
         """Lift each image without the atoms of its item, whose coefficients are 0."""
         omitted = find_omitted(images, dataset, self.dictionary)
 
@@ -195,12 +207,13 @@ class AtomFamily:
             family = replace(self, dictionary=without, threads=1)
             rows = np.flatnonzero(omitted == item)
             atoms = np.flatnonzero(self.dictionary.atoms_without(item))
-            return Group(family.lift_images(images.take(rows)), rows, atoms)
+            of_item = None if group is None else group[rows]
+            return Group(family.lift_images(images.take(rows), of_item), rows, atoms)
 
         items = dict.fromkeys(omitted.tolist())
         groups = on_threads(lift_group, items, self.threads)
         if not groups:
-            return self.lift_images(images)
+            return self.lift_images(images, group)
         return merge_groups(groups, self.dictionary.atoms)
 
     def solver(self, tolerance: float | None = None) -> Solve:

@@ -9,13 +9,17 @@ where it is chosen.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Integers
+from shapefit.convex.problem import find_blocks
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSource
@@ -82,6 +86,17 @@ class Calibration(NamedTuple):
         return {**keys, "prior": prior, "skeleton": skeleton}
 
 
+class Batch(NamedTuple):
+    """Images that are lifted together, and the number (n,) of the file of each.
+
+    Images start from others of their file alone, so that a file has the same results
+    whatever others are given. None where they are of one file, or that does not count.
+    """
+
+    images: Landmarks
+    group: Integers | None = None
+
+
 class LiftedImages(NamedTuple):
     """A batch of n images, lifted to shapes of the dictionary's landmarks.
 
@@ -121,15 +136,18 @@ class Family(Protocol):
         """Estimate what the options leave open, from a sample of the images."""
         ...
 
-    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Batch]:
         """Yield the images of a source, as many at a time as the pace says.
 
         What is lifted together stays so.
         """
         ...
 
-    def lift(self, images: Landmarks) -> LiftedImages:
-        """Lift images, which have the landmarks of the dictionary, to 3D shapes."""
+    def lift(self, images: Landmarks, group: Integers | None = None) -> LiftedImages:
+        """Lift images, which have the landmarks of the dictionary, to 3D shapes.
+
+        group: see `Batch`.
+        """
         ...
 
     def add_columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
@@ -154,6 +172,16 @@ class Pace:
         all_threads = thread_count(threads)
         return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
 
+    @contextmanager
+    def timed(self, images: int) -> Iterator[None]:
+        """Adapt the size of the next batches to the time of one, which the block lifts.
+
+        images, how many it has.
+        """
+        began = time.monotonic()
+        yield
+        self.follow(images, time.monotonic() - began)
+
     def follow(self, images: int, seconds: float) -> None:
         """Adapt the size of the next batches to the seconds that a batch took."""
         if seconds < SECONDS_PER_BATCH / GROWTH:
@@ -162,16 +190,21 @@ class Pace:
             self.images = max(IMAGES_PER_BLOCK, self.images // GROWTH)
 
 
-def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-    """Yield batches of images, each of one file and whole blocks, sized by the pace."""
-    for batch in source.batches(round_to_blocks(pace.max_images), by_file=True):
+def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Batch]:
+    """Yield batches of whole blocks of images, sized by the pace.
+
+    A batch has images of several files where these are small.
+    """
+    for images, file in source.batches_of_files(round_to_blocks(pace.max_images)):
+        begins = np.flatnonzero(find_blocks(file))
         start = 0
-        while start < len(batch):
-            stop = start + round_to_blocks(pace.images)
-            yield batch.take(slice(start, stop))
+        while start < len(images):
+            after = begins[begins >= start + pace.images]
+            stop = int(after[0]) if len(after) else len(images)
+            yield Batch(images.take(slice(start, stop)), file[start:stop])
             start = stop
-        if not len(batch):
-            yield batch
+        if not len(images):
+            yield Batch(images)
 
 
 def round_to_blocks(images: int) -> int:

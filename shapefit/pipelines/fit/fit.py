@@ -4,8 +4,7 @@ out, and a summary.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +19,7 @@ from shapefit.io import (
 from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.inputs import State
 from shapefit.io.layout import INPUT_ROWS
-from shapefit.io.options import OutputOptions, RecordWriter
+from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.camera import read_calibrated_camera, remove_distortion
 from shapefit.pipelines.fit.choices import (
@@ -33,10 +32,11 @@ from shapefit.pipelines.fit.choices import (
     with_angle_covariance,
 )
 from shapefit.pipelines.fit.export import check_export, export_meshes
-from shapefit.pipelines.fit.family import Calibration, Family, Pace
+from shapefit.pipelines.fit.family import Batch, Calibration, Family, Pace
 from shapefit.pipelines.fit.inputs import WatchedFiles
 from shapefit.pipelines.fit.record import provenance, to_record
 from shapefit.pipelines.fit.summary import (
+    Ends,
     InputsRead,
     Tally,
     describe_batch,
@@ -44,7 +44,7 @@ from shapefit.pipelines.fit.summary import (
 )
 from shapefit.pipelines.joints import LandmarkMatch
 from shapefit.pipelines.result import Result
-from shapefit.records import Fit, Landmarks
+from shapefit.records import Fit
 from shapefit.threads import map_ahead
 
 if TYPE_CHECKING:
@@ -59,14 +59,15 @@ lifted; no result depends on it.
 class FitPart(NamedTuple):
     """The rows of the input that a part of a fit lifts, and what all parts share.
 
-    dictionary, as it was read; inputs, digests of the landmarks, and states of all
-    files when they were found.
+    dictionary, as it was read; source of the images, where it is open; states of all
+    files when they were found, and their digests.
     """
 
     rows: slice | None = None
     calibration: Calibration | None = None
     dictionary: Dictionary | None = None
-    inputs: Mapping[str, str] | None = None
+    source: LandmarkSource | None = None
+    digests: Mapping[str, str] | None = None
     states: Mapping[Path, State] | None = None
 
 
@@ -84,10 +85,26 @@ class FitPlan(NamedTuple):
 
 
 class LiftedBatch(NamedTuple):
-    """A batch as it is stored, and what is reported of it."""
+    """A batch as it is stored, and how its images ended."""
 
     record: Fit
-    event: Result
+    ends: Ends
+
+    def take(self, rows: slice) -> LiftedBatch:
+        """Return the images `rows`, first to before the last."""
+        return LiftedBatch(self.record.take(rows), self.ends.take(rows))
+
+    @property
+    def event(self) -> Result:
+        """Return what is reported of the batch."""
+        return describe_batch(self.record, self.ends)
+
+
+class Written(NamedTuple):
+    """What adds up over the batches of a fit, and what was written of them."""
+
+    tally: Tally
+    summary: Summary
 
 
 def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
@@ -96,11 +113,11 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     Yields a Result per batch, and a last one that sums up. Raises InputError, and
     writes nothing, where a file changes meanwhile.
     """
-    files = WatchedFiles.of_config(config, part.states, part.inputs)
+    files = WatchedFiles.of_config(config, part.states, part.digests)
     dictionary = part.dictionary or read_dictionary(config.dictionary)
     config, chosen = choose_method(config, dictionary, lambda: are_in_sequences(config))
     config = with_angle_covariance(config)
-    with open_landmarks(config.landmarks, reading_options(config), part.rows) as source:
+    with part.source or open_source(config, part.rows) as source:
         match = match_to_dictionary(config, dictionary, source.head.landmark_names)
         calibration = part.calibration
         if calibration is None:
@@ -109,19 +126,16 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
         plan = plan_fit(config, match, calibration)
         check_export(plan.config, match.dictionary)
 
-        tally = Tally()
-        with open_writer(plan) as writer, closing(lift_all(source, plan)) as batches:
-            writer.seal = rows_attribute(part)
-            for batch in batches:
-                files.take_digests()  # while the next batch is lifted
-                tally.add(batch.record)
-                yield batch.event._replace(total=source.count)
-                writer.append(batch.record)
-            writer.attributes.update(provenance(plan, files.digests()))
-            files.check_unchanged()
-    read = InputsRead(source.head, source.count, source.left_out, source.notes)
-    yield summarise_fit(read, plan, tally, chosen, writer.summary)
+        read = InputsRead.of(source)
+        with closing(lift_all(source, plan)) as batches:
+            written = yield from write_result(plan, batches, read, files, part.rows)
+    yield summarise_fit(read, plan, written.tally, chosen, written.summary)
     yield from export_meshes(plan.config)
+
+
+def open_source(config: FitConfig, rows: slice | None) -> LandmarkSource:
+    """Open the landmarks of a fit, or `rows` of them, as its keys say."""
+    return open_landmarks(config.landmarks, reading_options(config), rows)
 
 
 def plan_fit(
@@ -142,26 +156,49 @@ def lift_all(
     """
     pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
 
-    def lift_timed(images: Landmarks) -> LiftedBatch:
+    def lift_timed(batch: Batch) -> LiftedBatch:
         """Lift a batch, and adapt the size of the next ones to its time."""
-        began = time.monotonic()
-        batch = lift_batch(images, plan)
-        pace.follow(len(images), time.monotonic() - began)
-        return batch
+        with pace.timed(len(batch.images)):
+            return lift_batch(batch, plan)
 
     batches = plan.family.read_batches(source, pace)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
     return map_ahead(lift_timed, batches, workers=int(several))
 
 
-def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
+def lift_batch(batch: Batch, plan: FitPlan) -> LiftedBatch:
     """Lift a batch of images of the files; return its record and what is reported."""
     # each line is a stage with tests of its own
-    straight = remove_distortion(images, plan.lens)
+    straight = remove_distortion(batch.images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
-    lifted = plan.family.lift(named)
+    lifted = plan.family.lift(named, batch.group)
     record = to_record(named, lifted, plan)
-    return LiftedBatch(record, describe_batch(lifted.lifting, record))
+    return LiftedBatch(record, Ends.of(lifted.lifting))
+
+
+def write_result(
+    plan: FitPlan,
+    batches: Iterable[LiftedBatch],
+    read: InputsRead,
+    files: WatchedFiles,
+    rows: slice | None = None,
+) -> Generator[Result, None, Written]:
+    """Write the result of the batches of a fit; yields what is reported of each.
+
+    rows of the input that they are, None for all. Returns what adds up over them, and
+    what was written. Raises InputError, and writes nothing, where a file has changed.
+    """
+    tally = Tally()
+    with open_writer(plan) as writer:
+        writer.seal = rows_attribute(rows)
+        for batch in batches:
+            files.take_digests()  # while the next batch is lifted
+            tally.add(batch.record)
+            yield batch.event._replace(total=read.images)
+            writer.append(batch.record)
+        writer.attributes.update(provenance(plan, files.digests()))
+        files.check_unchanged()
+    return Written(tally, writer.summary)
 
 
 def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
@@ -175,11 +212,11 @@ def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
     return result_writer(output, options=options)
 
 
-def rows_attribute(part: FitPart) -> dict[str, str]:
+def rows_attribute(rows: slice | None) -> dict[str, str]:
     """Return the attribute that states which rows of the input a part has, {} for all.
 
     The digest of the file (its seal) covers this attribute.
     """
-    if part.rows is None:
+    if rows is None:
         return {}
-    return {INPUT_ROWS: f"{part.rows.start}:{part.rows.stop}"}
+    return {INPUT_ROWS: f"{rows.start}:{rows.stop}"}

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera
@@ -96,7 +96,9 @@ class ImagePosterior:
         """Return a copy with the dictionary's usual lengths of limbs, if it has any."""
         return replace(self, limbs=find_limb_lengths(self.dictionary))
 
-    def lift(self, images: Landmarks) -> PosteriorLifting:
+    def lift(
+        self, images: Landmarks, group: Integers | None = None
+    ) -> PosteriorLifting:
         """Lift each image to its posterior, without landmarks that depend on others."""
         weights = self.weigh(images)
         depends = self.dictionary.depends_on >= 0
@@ -118,6 +120,7 @@ class ImagePosterior:
                 self.program,
                 estimator,
                 camera,
+                group,
             )
 
         return lift_inliers(
@@ -129,9 +132,11 @@ class ImagePosterior:
             self.threads,
         )
 
-    def lift_with_p_values(self, images: Landmarks) -> PosteriorLifting:
+    def lift_with_p_values(
+        self, images: Landmarks, group: Integers | None = None
+    ) -> PosteriorLifting:
         """Lift images; add p-values and start distances, by which they are judged."""
-        lifting = self.lift(images)
+        lifting = self.lift(images, group)
         estimate = with_p_value(
             lifting.estimate,
             lifting.problem,

@@ -18,6 +18,7 @@ from shapefit.pipelines.fit.choices import (
     match_to_dictionary,
     reading_options,
 )
+from shapefit.pipelines.fit.family import Batch
 from shapefit.pipelines.fit.fit import lift_batch, open_writer, plan_fit
 from shapefit.pipelines.fit.summary import InputsRead, Tally, summarise_fit
 from shapefit.pipelines.result import Result
@@ -45,7 +46,7 @@ def fit_live(config: FitConfig) -> Iterator[Result]:
     tally = Tally()
     with open_writer(plan) as writer:
         for item in chain([first], items):
-            batch = lift_batch(item, plan)
+            batch = lift_batch(Batch(item), plan)
             writer.append(batch.record)
             tally.add(batch.record)
             yield batch.event

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PriorConfig
 from shapefit.dictionary.model import Dictionary
@@ -23,6 +23,7 @@ from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import as_rows, with_certificate
 from shapefit.pipelines.fit.evidence import FACTORS
 from shapefit.pipelines.fit.family import (
+    Batch,
     Calibration,
     Cost,
     LiftedImages,
@@ -166,13 +167,13 @@ class PosteriorFamily:
             self.skeleton,
         )
 
-    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Batch]:
         """Yield blocks of images; each image is lifted by itself."""
         return read_blocks(source, pace)
 
-    def lift(self, images: Landmarks) -> LiftedImages:
+    def lift(self, images: Landmarks, group: Integers | None = None) -> LiftedImages:
         """Lift landmarks of the files, and convert them to the dictionary's joints."""
-        lifting = self.posterior.lift_with_p_values(images)
+        lifting = self.posterior.lift_with_p_values(images, group)
         return self.convert_to_joints(lifting, images)
 
     def convert_to_joints(

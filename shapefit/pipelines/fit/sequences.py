@@ -30,7 +30,7 @@ from shapefit.lifting.sequences.clips import (
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.family import Calibration, Cost, LiftedImages, Pace
+from shapefit.pipelines.fit.family import Batch, Calibration, Cost, LiftedImages, Pace
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.joints import LandmarkMatch
@@ -92,11 +92,11 @@ class SequenceFamily:
         """Estimate what the options leave open from the single images of a sample."""
         return self.of_images.calibrate(sample)
 
-    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Batch]:
         """Yield batches as large as the pace allows, in which sequences are whole."""
-        return whole_sequences(source.batches(pace.max_images))
+        return map(Batch, whole_sequences(source.batches(pace.max_images)))
 
-    def lift(self, images: Landmarks) -> LiftedImages:
+    def lift(self, images: Landmarks, group: Integers | None = None) -> LiftedImages:
         """Lift images, left and right put back, and refine whole sequences of them."""
         posterior = replace(self.of_images.posterior, modes=CONSTANTS.modes)
         visible = posterior.weigh(images) > 0

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats, Integers, median
+from shapefit.arrays import Flags, Floats, Integers, median
 from shapefit.convex.solver import Status
 from shapefit.errors import abbreviate, as_typed, counted
+from shapefit.io import LandmarkSource
 from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
@@ -67,34 +68,67 @@ class InputsRead(NamedTuple):
     left_out: int = 0
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, source: LandmarkSource) -> InputsRead:
+        """Return what was read of an open source."""
+        return cls(source.head, source.count, source.left_out, source.notes)
 
-def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
+
+class Ends(NamedTuple):
+    """How the work on each of n images ended, as far as it is reported.
+
+    status, one of each image; limit, the text that names what those of an iteration
+    limit have reached, "" for no text; is_empty (n,), whether the shape is 0 where
+    there is one; failures, image -> reason.
+    """
+
+    status: tuple[Status, ...]
+    limit: str
+    is_empty: Flags
+    failures: Mapping[int, str]
+
+    @classmethod
+    def of(cls, lifting: Lifting[Estimate]) -> Ends:
+        """Return how the images of a lifting ended."""
+        estimate = lifting.estimate
+        is_empty = ~estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+        is_empty[list(lifting.failures)] = False
+        return cls(estimate.status, estimate.limit, is_empty, lifting.failures)
+
+    def take(self, rows: slice) -> Ends:
+        """Return how the images `rows`, first to before the last, ended."""
+        failures = {
+            row - rows.start: self.failures[row]
+            for row in range(rows.start, rows.stop)
+            if row in self.failures
+        }
+        return Ends(self.status[rows], self.limit, self.is_empty[rows], failures)
+
+
+def describe_batch(record: Fit, ends: Ends) -> Result:
     """Return the event of a lifted batch: failures, warnings, reasons not to trust."""
     items = record.items
-    failed = sorted(lifting.failures.items())
+    failed = sorted(ends.failures.items())
     return Result(
         done=len(items),
         failures=tuple(Failure(items[row], why) for row, why in failed),
-        warnings=tuple(warn_of_batch(lifting)),
+        warnings=tuple(warn_of_batch(ends)),
         reasons=tuple(count_reasons(record)),
     )
 
 
-def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
+def warn_of_batch(ends: Ends) -> Iterator[Counted]:
     """Yield warnings, with counts, of images that are not optimal or have no shape."""
-    limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
+    limited = ends.status.count(Status.ITERATION_LIMIT)
     if limited:
-        limit = lifting.estimate.limit
-        text = f"not optimal: {limit}" if limit else "not optimal"
+        text = f"not optimal: {ends.limit}" if ends.limit else "not optimal"
         yield Counted(limited, "image", text)
-    empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
-    empty[list(lifting.failures)] = False
-    if empty.any():
+    if ends.is_empty.any():
         text = (
             "with an empty shape: lambda is at or above lambda_max of the image; lower"
             " `lambda`"
         )
-        yield Counted(int(empty.sum()), "image", text)
+        yield Counted(int(ends.is_empty.sum()), "image", text)
 
 
 def count_reasons(record: Fit) -> Iterator[Counted]:
@@ -242,6 +276,7 @@ def summarise_fit(
         rows=tuple(summary_rows(read, plan, tally, chosen, written)),
         numbers=result_numbers(plan, tally),
         written=written.written or (output_of(plan),),
+        digest=written.digest,
     )
 
 

@@ -41,6 +41,7 @@ from shapefit.config.manifest import (
     part_number,
 )
 from shapefit.config.paths import ResultFolder
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import (
     InputError,
     abbreviate,
@@ -51,6 +52,7 @@ from shapefit.errors import (
     printable,
 )
 from shapefit.io import (
+    LandmarkSource,
     digest,
     digests,
     open_landmarks,
@@ -58,12 +60,11 @@ from shapefit.io import (
 )
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import HDF5
-from shapefit.io.hdf5_file import stated_digest
 from shapefit.io.inputs import State, find_state, is_stream
 from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
 from shapefit.lifting.methods import AUTO, METHODS
-from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, Calibrating, calibrate
 from shapefit.pipelines.fit.camera import CAMERA_DATASETS
 from shapefit.pipelines.fit.choices import (
     are_in_sequences,
@@ -83,6 +84,12 @@ from shapefit.pipelines.partition.manifest import (
     numbers_of_parts,
     read_manifest,
     refuse_unlisted,
+)
+from shapefit.pipelines.partition.together import (
+    LiftedPart,
+    OpenParts,
+    TogetherLifter,
+    write_lifted,
 )
 from shapefit.pipelines.result import Failure, Numbers, Result, merge_warnings
 from shapefit.records import Landmarks
@@ -112,7 +119,8 @@ class Job(NamedTuple):
     """A part, the config of the run, the folder of its result, and what all parts
     share.
 
-    states are those of the files beside landmarks that results depend on.
+    states are those of the files beside landmarks that results depend on. lifted and
+    source are of the part, where it was lifted with others, or opened, in this process.
     """
 
     part: Part
@@ -121,6 +129,8 @@ class Job(NamedTuple):
     calibration: Calibration | None = None
     states: Mapping[Path, State] = {}
     version: str = __version__
+    lifted: LiftedPart | None = None
+    source: LandmarkSource | None = None
 
 
 class FolderPlan(NamedTuple):
@@ -177,12 +187,8 @@ def fit_locked_folder(config: FitConfig, folder: ResultFolder) -> Iterator[Resul
             " differs"
         )
         raise input_error(folder.path, fault, fix)
-    if manifest is not None and plan.retained:
-        calibration = calibration_of(manifest, config)
-    else:
-        images = first_images(config, plan.parts)
-        match = match_to_dictionary(config, dictionary, images.landmark_names)
-        calibration = yield from calibrate(config, match, images, len(images))
+    opened = OpenParts(reading_options(config))
+    calibration = yield from settle(config, dictionary, plan, manifest, opened)
     for text in (chosen, *calibration.lines):
         yield Result(line=text)
     yield Result(warnings=calibration.warnings)
@@ -197,7 +203,33 @@ def fit_locked_folder(config: FitConfig, folder: ResultFolder) -> Iterator[Resul
     for path in unlisted:
         path.unlink(missing_ok=True)
     manifest = Manifest(folder.manifest, line, dict(plan.retained))
-    yield from run_parts(config, folder, plan, manifest, calibration)
+    if uses_other_processes(folder):
+        opened.sources.clear()
+        if config.threads == 0:
+            config = config.changed(threads=1)
+    shared = calibration.apply_to(config)
+    shared = shared.changed(landmarks=())  # each part names its own
+    lifter = TogetherLifter(shared, dictionary, calibration, opened)
+    yield from run_parts(shared, folder, plan, manifest, lifter)
+
+
+def settle(
+    config: FitConfig,
+    dictionary: Dictionary,
+    plan: FolderPlan,
+    manifest: Manifest | None,
+    opened: OpenParts,
+) -> Calibrating:
+    """Estimate what the config leaves open, as `calibrate`, from images of all parts.
+
+    Parts that are retained had a calibration, which the manifest states. opened gets
+    the parts that are read.
+    """
+    if manifest is not None and plan.retained:
+        return calibration_of(manifest, config)
+    images = first_images(opened, plan.parts, config.leave_one_out)
+    match = match_to_dictionary(config, dictionary, images.landmark_names)
+    return (yield from calibrate(config, match, images, len(images)))
 
 
 def method_of(manifest: Manifest) -> str:
@@ -350,19 +382,20 @@ def part_key(line: PartLine) -> PartKey:
     return line.inputs, line.rows
 
 
-def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
+def first_images(
+    opened: OpenParts, parts: Sequence[Part], leave_one_out: str | None = None
+) -> Landmarks:
     """Return the first SAMPLE_POOL images of all parts, as a calibration needs them.
 
     Inputs that cannot be read, or do not go with the first, are left out: their part
-    reports them.
+    reports them. leave_one_out names a dataset that is needed, too.
     """
-    options = reading_options(config)
-    needed = {*CAMERA_DATASETS, config.leave_one_out}
+    needed = {*CAMERA_DATASETS, leave_one_out}
     files: list[SourceFile[Landmarks]] = []
     images = 0
     for part in parts:
         try:
-            with open_landmarks(part.inputs, options, part.slice) as source:
+            with opened.look_at(part) as source:
                 read = source.first(SAMPLE_POOL - images)
         except InputError as error:
             problem = error
@@ -392,18 +425,15 @@ def run_parts(
     folder: ResultFolder,
     plan: FolderPlan,
     manifest: Manifest,
-    calibration: Calibration,
+    lifter: TogetherLifter,
 ) -> Iterator[Result]:
     """Lift the parts that are not retained; yield the result of each as it ends.
 
-    Files in `plan.removed` are removed first; the last result sums up.
+    Files in `plan.removed` are removed first; the last result sums up. config, of no
+    open keys and no landmarks; lifter, which lifts small parts together.
     """
-    if config.threads == 0 and uses_other_processes(folder):
-        config = config.changed(threads=1)
-    shared = calibration.apply_to(config)
-    shared = shared.changed(landmarks=())  # each part names its own
     jobs = deque(
-        Job(part, shared, folder.path, calibration, plan.states)
+        Job(part, config, folder.path, lifter.calibration, plan.states)
         for part in plan.parts
         if part.file not in plan.retained
     )
@@ -412,7 +442,7 @@ def run_parts(
         (folder.path / file).unlink(missing_ok=True)
     total = counted(len(plan.parts), "part")
     lost = 0
-    with closing(run_jobs(jobs, folder)) as ended:
+    with closing(run_jobs(jobs, folder, lifter)) as ended:
         for line, result in ended:
             manifest.add(line)
             if line.status != DONE:
@@ -420,7 +450,7 @@ def run_parts(
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     done = tuple(manifest.done.values())
-    camera = camera_numbers(shared.camera)
+    camera = camera_numbers(config.camera)
     numbers = numbers_of_parts(done)._replace(camera=camera)
     gap = format_gap(numbers.largest_gap, numbers.not_optimal)
     note = f"{len(done)} of {total} done{gap}"
@@ -433,15 +463,15 @@ def uses_other_processes(folder: ResultFolder) -> bool:
 
 
 def run_jobs(
-    jobs: deque[Job], folder: ResultFolder
+    jobs: deque[Job], folder: ResultFolder, lifter: TogetherLifter | None = None
 ) -> Generator[EndedPart, None, None]:
     """Run jobs here, in processes or on a cluster; yield line and result of each.
 
-    The folder says where. Where a process dies, the parts that were under way are done
-    again, each alone in a new one.
+    The folder says where; lifter, which lifts small parts together here. Where a
+    process dies, the parts that were under way are done again, each alone in a new one.
     """
     if not uses_other_processes(folder):
-        yield from map(run_job, jobs)
+        yield from run_here(jobs, lifter)
         return
     while jobs:
         running: dict[Future[EndedPart], Job] = {}
@@ -464,6 +494,21 @@ def run_jobs(
                         "its process died, twice: give it more memory, or less work"
                     )
                     yield failed_part(job, reason)
+
+
+def run_here(jobs: deque[Job], lifter: TogetherLifter | None) -> Iterator[EndedPart]:
+    """Run jobs in this process, those of small parts together where there is a lifter.
+
+    Yields line and result of each.
+    """
+    while jobs:
+        lifted: Sequence[LiftedPart | None] = ()
+        if lifter is not None:
+            lifted = lifter.lift_first(job.part for job in jobs)
+        for part in lifted or (None,):
+            job = jobs.popleft()
+            source = None if lifter is None else lifter.opened.pop(job.part)
+            yield run_job(job._replace(lifted=part, source=source))
 
 
 @contextmanager
@@ -624,21 +669,36 @@ def fit_part(job: Job) -> EndedPart:
     dictionary = cached_read(
         read_dictionary, config.dictionary, find_state(config.dictionary)
     )
-    inputs = cached_read(digests, part.inputs, part.states)
     states = {**dict(zip(part.inputs, part.states, strict=True)), **job.states}
+    of_run = cached_read(digests, tuple(job.states), tuple(job.states.values()))
+    of_part = cached_read(digests, part.inputs, part.states)
     images = 0
     failures: list[Failure] = []
     warnings: dict[str, Any] = {}
     reasons: dict[str, Any] = {}
     numbers = Numbers()
-    known = FitPart(part.slice, job.calibration, dictionary, inputs, states)
-    for result in fit(config, known):
+    contents = ""
+    known = FitPart(
+        rows=part.slice,
+        calibration=job.calibration,
+        dictionary=dictionary,
+        source=job.source,
+        digests={**of_run, **of_part},
+        states=states,
+    )
+    if job.lifted is None:
+        results = fit(config, known)
+    else:
+        results = write_lifted(config, known, job.lifted)
+        began -= job.lifted.seconds
+    for result in results:
         images += result.done
         failures += result.failures
         merge_warnings(warnings, result.warnings, MAX_LISTED_OF_A_PART)
         without_items = (replace(reason, items=()) for reason in result.reasons)
         merge_warnings(reasons, without_items)
         numbers = result.numbers or numbers
+        contents = result.digest or contents
     total = Result(
         done=images,
         failures=tuple(failures[:MAX_LISTED_OF_A_PART]),
@@ -650,7 +710,7 @@ def fit_part(job: Job) -> EndedPart:
         images=images,
         failed=len(failures),
         bytes=target.stat().st_size,
-        digest=stated_digest(target),
+        digest=contents,
         seconds=round(time.perf_counter() - began, 3),
         trusted=numbers.trusted,
         optimal=numbers.optimal,

@@ -110,8 +110,8 @@ def test_ransac_of_coordinates_beyond_arithmetic(fit_scaled, factor, reason):
 def test_no_image_is_fitted_without_a_finite_shape(
     fit, dictionary, images, monkeypatch
 ):
-    def lift_badly(*args):
-        lifting = lift(*args)
+    def lift_badly(*args, **keys):
+        lifting = lift(*args, **keys)
         lifting.shapes[5:6, 2, 0] = np.inf
         return lifting
 

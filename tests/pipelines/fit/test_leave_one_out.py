@@ -143,6 +143,7 @@ def test_what_was_left_out_is_stored(run, images_with_a_beetle):
 def test_batches_change_no_bit(run, images_with_a_beetle, monkeypatch):
     whole, _ = run(views=images_with_a_beetle, method="mean-shape")
     monkeypatch.setattr("shapefit.pipelines.fit.family.IMAGES_PER_BLOCK", 1)
+    monkeypatch.setattr("shapefit.convex.problem.IMAGES_PER_BLOCK", 1)
     monkeypatch.setattr("shapefit.pipelines.fit.fit.IMAGES_PER_BATCH", 2)
     in_batches, outcomes = run(views=images_with_a_beetle, method="mean-shape")
     assert done(outcomes) == 9

@@ -13,6 +13,7 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.pipelines.fit import fit as fitting
+from shapefit.pipelines.partition import together
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 
 FIT = ("fit", "-d", "dict.h5", "-o", "out/", "--method", "alternate", "-q")
@@ -166,13 +167,16 @@ class TestInputsThatChange:
 
         def while_lifting(change) -> None:
             real = fitting.lift_batch
+            changed = []
 
             def lift_batch(*given, **keys):
-                monkeypatch.setattr(fitting, "lift_batch", real)
-                change()
+                if not changed:
+                    change()
+                changed.append(given)
                 return real(*given, **keys)
 
-            monkeypatch.setattr(fitting, "lift_batch", lift_batch)
+            for module in (fitting, together):
+                monkeypatch.setattr(module, "lift_batch", lift_batch)
 
         return while_lifting
 

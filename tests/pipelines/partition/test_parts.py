@@ -156,14 +156,14 @@ class TestResuming:
         assert stamps() == before | {"part-00005.h5": stamps()["part-00005.h5"]}
 
     def test_a_failing_part_stops_no_other(self, monkeypatch):
-        real = parting.fit
+        real = parting.write_lifted
 
-        def broken(config, part):
+        def broken(config, part, lifted):
             if part.rows and part.rows.start == 256:
                 raise OSError("the disk is full")
-            return real(config, part)
+            return real(config, part, lifted)
 
-        monkeypatch.setattr(parting, "fit", broken)
+        monkeypatch.setattr(parting, "write_lifted", broken)
         (reason,) = failures(fit()).values()
         assert "rows 256 to 383" in reason
         assert [entry["status"] for entry in entries()] == [
@@ -175,7 +175,7 @@ class TestResuming:
         assert names() == [
             entry["file"] for entry in entries() if entry["status"] == "done"
         ]
-        monkeypatch.setattr(parting, "fit", real)
+        monkeypatch.setattr(parting, "write_lifted", real)
         assert done(fit()) == 128
         same_as_one_run()
 
