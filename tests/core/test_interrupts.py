@@ -148,6 +148,27 @@ def sequence(rng, t=1000, p=15, components=2, bones=14):
     )
 
 
+def densities(rng, n=20_000, components=400, d=90):
+    return partial(
+        core.find_log_densities,
+        shapes=rng.normal(size=(n, d)),
+        means=rng.normal(size=(components, d)),
+        whiten=np.tile(np.eye(d), (components, 1, 1)),
+        constants=np.zeros(components),
+        log_densities=np.empty((n, components)),
+        threads=2,
+    )
+
+
+def outer_products(rng, n=8000, d=2000):
+    return partial(
+        core.sum_outer_products,
+        shapes=rng.normal(size=(n, d)),
+        weights=np.ones(n),
+        total=np.empty((d, d)),
+    )
+
+
 def factors(rng):
     matrices = np.tile(np.eye(600), (80, 1, 1))
     return partial(core.invert_factors, matrices=matrices, threads=2)
@@ -177,6 +198,8 @@ KERNELS = {
     "consensus": consensus,
     "perspective": perspective,
     "sequence": sequence,
+    "densities": densities,
+    "outer products": outer_products,
     "factors": factors,
     "pose": pose,
 }
