@@ -227,6 +227,7 @@ def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
         prior=prior,
         starts=drawn.rotation[:, None],
         outliers=OUTLIERS,
+        shapes=False,
     )
 
 
