@@ -17,22 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats, Integers
-from shapefit.threads import on_threads
+from shapefit.threads import on_threads, thread_count
 
 MAX_KMEANS_ROUNDS = 20
 """Of Lloyd's method, which finds the start."""
 
 MIN_SHAPES = 1e-3
 """Shapes of a component below which it has died, and would only mislead."""
-
-SHAPES_AT_A_TIME = 1024
-"""What is made of so many stays in the cache. Threads that took memory for all shapes
-at once spent a third of their time on getting it from the system.
-"""
-
-MIN_SHAPE_SHARE = 1e-15
-"""Of a shape in a component, below which it adds nothing to the covariance; most do."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,27 +66,21 @@ class Mixture:
         return self.of_landmarks(self.weights, means, C)
 
     def log_density(self, shapes: Floats) -> Floats:
-        """Return log(pi_k N(x_n; mu_k, C_k)) (n, K) of shapes (n, 3, p).
-
-        Components are taken side by side on all cores.
-        """
-        x = np.ascontiguousarray(shapes.reshape(len(shapes), -1).T)
-        density = np.empty((x.shape[1], len(self)))
-
-        def fill(k: int) -> None:
-            """Fill in the log densities of component k."""
-            L = np.linalg.cholesky(self.covariances[k])
-            whiten = np.linalg.inv(L)
-            centre = whiten @ self.means[k].ravel()
-            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
-            log_weight = np.log(self.weights[k])
-            for part in split_shapes(x.shape[1]):
-                z = whiten @ x[:, part]
-                z -= centre[:, None]
-                np.square(z, out=z)
-                density[part, k] = log_weight - 0.5 * z.sum(axis=0) - log_size
-
-        on_threads(fill, range(len(self)), 0)
+        """Return log(pi_k N(x_n; mu_k, C_k)) (n, K) of shapes x (n, 3, p)."""
+        K = len(self)
+        x = np.ascontiguousarray(shapes.reshape(len(shapes), -1), np.float64)
+        d = x.shape[1]
+        L = np.linalg.cholesky(self.covariances)
+        log_sizes = np.log(L.diagonal(axis1=1, axis2=2)).sum(axis=1)
+        density = np.empty((len(x), K))
+        core.find_log_densities(
+            shapes=x,
+            means=np.ascontiguousarray(self.means.reshape(K, d), np.float64),
+            whiten=np.linalg.inv(L),
+            constants=np.log(self.weights) - log_sizes - 0.5 * d * np.log(2 * np.pi),
+            log_densities=density,
+            threads=thread_count(0),
+        )
         return density
 
 
@@ -268,18 +255,10 @@ def _draw_seeds(X: Floats, k: int) -> Floats:
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """Return the scatter matrix sum_n w_n (X_n - mean) (X_n - mean)^T (d, d).
 
-    X (n, d), weights w (n,); mean (d,) must be the weighted mean of X.
+    X (n, d), contiguous, weights w (n,); mean (d,) must be the weighted mean of X.
     """
-    some = np.flatnonzero(w > MIN_SHAPE_SHARE)
-    scatter: Floats = -w.sum() * np.outer(mean, mean)
-    for part in split_shapes(len(some)):
-        rows = some[part]
-        weighted = np.sqrt(w[rows])[:, None] * X[rows]
-        scatter += weighted.T @ weighted
+    d = len(mean)
+    total = np.empty((d, d))
+    core.sum_outer_products(shapes=X, weights=np.ascontiguousarray(w), total=total)
+    scatter: Floats = total - w.sum() * np.outer(mean, mean)
     return scatter
-
-
-def split_shapes(n: int) -> Iterator[slice]:
-    """Yield slices that divide n shapes, SHAPES_AT_A_TIME at most in each."""
-    for first in range(0, n, SHAPES_AT_A_TIME):
-        yield slice(first, min(first + SHAPES_AT_A_TIME, n))

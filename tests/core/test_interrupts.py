@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from functools import partial
+from math import ceil
 
 import numpy as np
 import pytest
@@ -148,9 +149,58 @@ def sequence(rng, t=1000, p=15, components=2, bones=14):
     )
 
 
-def factors(rng):
-    matrices = np.tile(np.eye(600), (80, 1, 1))
-    return partial(core.invert_factors, matrices=matrices, threads=2)
+def densities(rng, n=20_000, components=400, d=90):
+    return partial(
+        core.find_log_densities,
+        shapes=rng.normal(size=(n, d)),
+        means=rng.normal(size=(components, d)),
+        whiten=np.tile(np.eye(d), (components, 1, 1)),
+        constants=np.zeros(components),
+        log_densities=np.empty((n, components)),
+        threads=2,
+    )
+
+
+def outer_products(rng, n=8000, d=2000):
+    return partial(
+        core.sum_outer_products,
+        shapes=rng.normal(size=(n, d)),
+        weights=np.ones(n),
+        total=np.empty((d, d)),
+    )
+
+
+def views(rng, n, p=100, q=64):
+    return {
+        "residuals": rng.normal(size=(n, 2, p)),
+        "precisions": np.ones((n, p)),
+        "rotation": draw_rotations(n, 1, rng)[:, 0],
+        "scale": np.ones(n),
+        "modes": rng.normal(size=(3, p, q)),
+        "translation_precision": 1e-9,
+        "log_density": np.empty(n),
+        "threads": 2,
+    }
+
+
+def view_densities(rng):
+    return partial(core.find_view_densities, **views(rng, n=40_000))
+
+
+def shapes_in_views(rng, n=8000, p=100):
+    return partial(
+        core.expect_shapes,
+        **views(rng, n, p),
+        mean=rng.normal(size=(3, p)),
+        rest=0.1,
+        shapes=np.empty((n, 3, p)),
+        translation=np.empty((n, 2)),
+        left=np.empty((n, 2, p)),
+        uncertainty=np.empty((n, p, 2, 2)),
+        gradient=np.empty((n, 4)),
+        information=np.empty((n, 4, 4)),
+        covariance=np.empty((ceil(n / core.IMAGES_PER_BLOCK), 3 * p, 3 * p)),
+    )
 
 
 def pose(rng, n=100_000):
@@ -177,7 +227,10 @@ KERNELS = {
     "consensus": consensus,
     "perspective": perspective,
     "sequence": sequence,
-    "factors": factors,
+    "densities": densities,
+    "outer products": outer_products,
+    "view densities": view_densities,
+    "shapes in views": shapes_in_views,
     "pose": pose,
 }
 

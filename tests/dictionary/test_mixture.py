@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal
 
 from shapefit.dictionary.mixture import (
     Mixture,
     expected_log_density,
     learn_mixture,
     log_prior,
+    maximise,
 )
 from tests.gaussians import covariance_of_root, draw_shapes
 from tests.points import flatten
@@ -60,6 +62,32 @@ def test_no_round_lowers_the_objective(shrinkage):
     trace = learned.trace
     assert len(trace) > 5
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
+
+
+@pytest.mark.parametrize("p", [3, 8])
+def test_log_densities_are_those_of_scipy(p):
+    shapes, mixture = draw(130, p=p)
+
+    found = mixture.log_density(shapes)
+
+    for k in range(3):
+        gaussian = multivariate_normal(mixture.means[k].ravel(), mixture.covariances[k])
+        expected = np.log(mixture.weights[k]) + gaussian.logpdf(flatten(shapes))
+        assert_allclose(found[:, k], expected)
+
+
+@pytest.mark.parametrize("p", [3, 8])
+def test_covariances_are_those_of_weighted_shapes(rng, p):
+    """Of some that have hardly a share, too."""
+    X = rng.normal(size=(150, 3 * p))
+    share = rng.uniform(size=(150, 2))
+    share[::7, 0] = 1e-20
+
+    found = maximise(X, share, np.zeros((3 * p, 3 * p)), 0.0, 0.0)
+
+    for k in range(2):
+        expected = np.cov(X.T, aweights=share[:, k], bias=True)
+        assert_allclose(found.covariances[k], expected, atol=1e-12)
 
 
 def test_the_log_prior_of_two_covariances():
@@ -140,7 +168,8 @@ def test_no_bit_depends_on_the_number_of_threads(monkeypatch):
         return learn_mixture(shapes, 3, shrinkage=0.3, variance_floor=0.01)
 
     one = learn_on(1)
-    three = learn_on(3)
 
-    assert_array_equal(one.trace, three.trace)
-    assert_array_equal(one.mixture.covariances, three.mixture.covariances)
+    for cores in (2, 3):
+        several = learn_on(cores)
+        assert_array_equal(one.trace, several.trace)
+        assert_array_equal(one.mixture.covariances, several.mixture.covariances)

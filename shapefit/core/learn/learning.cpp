@@ -1,13 +1,8 @@
 // Sparse codes of shapes S (3 p,) for atoms B,
 //
-//     min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0,
-//
-// and factors of many small precision matrices.
-#include <string.h>
-
+//     min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0.
 #include "../base/registry.hpp"
 #include "../base/active_set.hpp"
-#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 
@@ -65,30 +60,5 @@ void code(const CodingData& data, Range range) {
 }
 
 const Exported<code> code_exported{"code"};
-
-// Positive definite matrices to be factorised.
-struct FactorData {
-    Arguments& from;
-    // M = L L^T, L^-1 in its place
-    Tensor<double> matrices = from("matrices", "n d d");
-};
-
-// Overwrite each positive definite matrix by U^-T of its Cholesky factor U^T U.
-void invert_factors(const FactorData& data, Range range) {
-    const Index d = data.matrices.size[1], D = padded(d);
-    Workspace workspace;
-    double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
-    for (Index image = range.first; image < range.last; ++image) {
-        check_interrupt();
-        for (Index i = 0; i < D; ++i)
-            for (Index j = 0; j < D; ++j)
-                S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
-        cholesky_inverse(S, V, D, D);
-        for (Index i = 0; i < d; ++i)
-            memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
-    }
-}
-
-const Exported<invert_factors> invert_factors_exported{"invert_factors"};
 
 }  // namespace shapefit

@@ -53,10 +53,12 @@ struct PosteriorData {
     double density = from("density");  // of outliers, per area in their unit
     // an ascent ends when the log likelihood gains less
     double tolerance = from("tolerance");
-    Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
-    Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
-    // of x with y, x with z and y with z of a landmark
-    Tensor<double> correlation = from("correlation", "n 3 p");
+    // Mean of y = s (R x + t), mean depth 0, its standard deviations, and its
+    // correlations of x with y, x with z and y with z of a landmark, where they are
+    // wanted; without them no modes are wanted either, nor are lengths of limbs known.
+    Tensor<double> mean = from("mean", "n 3 p?");
+    Tensor<double> deviation = from("deviation", "n 3 p?");
+    Tensor<double> correlation = from("correlation", "n 3 p?");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
     // that a landmark is an inlier
     Matrix<double> inlier_probability = from("inlier_probability", "n p");

@@ -128,6 +128,9 @@ struct Mixture {
           mixed(data.correlation[image].data),
           whole(data.covariance.size[0] ? data.covariance[image].data : nullptr) {}
 
+    // Whether mixtures are wanted.
+    static bool is_wanted(const PosteriorData& data) { return data.mean.size[0] > 0; }
+
     // Set mean, covariances and correlations to one value.
     void set_all(double value) {
         fill(mean, d, value);
@@ -177,7 +180,7 @@ struct Mixture {
 
 // Set all outputs of an image to nan, as no posterior was found.
 void set_failed(const PosteriorData& data, Index image) {
-    Mixture(data, image).set_all(NOT_A_NUMBER);
+    if (Mixture::is_wanted(data)) Mixture(data, image).set_all(NOT_A_NUMBER);
     fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
     fill(data.rotation[image].data, 9, NOT_A_NUMBER);
     data.scale[image] = data.log_evidence[image] = data.squared_mahalanobis[image] =
@@ -235,7 +238,7 @@ void write_shares(const PosteriorData& data, const Group& group, const Modes& mo
             inlier_probability[group.index[j]] +=
                 share * modes[i].inlier_probability[j];
     }
-    Mixture(data, image).set_all(0);
+    if (Mixture::is_wanted(data)) Mixture(data, image).set_all(0);
     modes[first].R.write(data.rotation[image].data);
     data.scale[image] = exp(modes[first].log_scale);
     data.log_evidence[image] = best + log(total);
@@ -366,7 +369,8 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
         if (modes.count > before) write_shares(data, group, modes, before);
         else set_failed(data, group.image[slot]);
     }
-    write_mixtures(data, group, modes, search.double_precision, description, limbs);
+    if (Mixture::is_wanted(data))
+        write_mixtures(data, group, modes, search.double_precision, description, limbs);
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ and Marquardt's method.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,15 +29,13 @@ from shapefit.dictionary.from_2d.model import (
     Images,
     Views,
     change_inliers,
-    choose_rows,
+    find_log_density,
     hide_some,
     posterior_mean,
     split_ppca,
     step_views,
-    sum_covariances,
 )
 from shapefit.geometry.rotations import complete_rotation
-from shapefit.threads import on_threads
 
 START_RANKS = (5, 9, 13)
 """Factors from which views are found; evidence chooses among them."""
@@ -74,9 +72,6 @@ FIRST_SIZE_SD = 0.1
 
 PRIOR_SIZE_SD = 0.01
 """Deviation of log s of the images that its prior stands for."""
-
-IMAGES_AT_A_TIME = 16
-"""What they take fits in the cache."""
 
 COMPLETION_ROUNDS = 30
 """In which hidden landmarks are fill_hidden in; a factor more every three rounds."""
@@ -237,17 +232,10 @@ def first_state(images: Images, landmarks: Floats, views: Views) -> ClassState:
 def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
     """Take one round of learning: step the views, infer the shapes, fit the model.
 
-    With `hold` the views stay as they are. Blocks of images are taken side by side on
-    all cores, and what adds up over them is added in their order.
+    With `hold` the views stay as they are.
     """
     n = len(images.weights)
-    starts = range(0, n, IMAGES_AT_A_TIME)
-    blocks = on_threads(
-        lambda rows: expect(images, state, rows, hold=hold),
-        [slice(start, start + IMAGES_AT_A_TIME) for start in starts],
-        0,
-    )
-    expectation = join_blocks(blocks)
+    expectation = expect(images, state, hold=hold)
     variance = state.model.size_variance
     prior = -0.5 * n * (np.log(variance) + PRIOR_SIZE_SD**2 / variance)
     return ClassState(
@@ -261,9 +249,9 @@ def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
 
 
 class Expectation(NamedTuple):
-    """What a round expects of m images.
+    """What a round expects of n images.
 
-    damping (m,), outliers (m, p), shapes (m, 3, p); covariance (3p, 3p), log_density
+    damping (n,), outliers (n, p), shapes (n, 3, p); covariance (3p, 3p), log_density
     and residual_variance are sums over the images.
     """
 
@@ -276,63 +264,52 @@ class Expectation(NamedTuple):
     residual_variance: float
 
 
-def expect(
-    images: Images, state: ClassState, rows: slice, *, hold: bool
-) -> Expectation:
-    """Step the views of the images `rows`, and return the moments of their shapes.
+def expect(images: Images, state: ClassState, *, hold: bool) -> Expectation:
+    """Step the views of the images, and return the moments of their shapes.
 
     hold, whether views stay as they are: then there is no step. A step, and with or
     without it a change of outliers, is taken where it raises the log density.
     """
     model = state.model
-    views = state.views[rows]
-    damping = state.damping[rows]
-    outliers = state.outliers[rows]
+    views = state.views
+    damping = state.damping
+    outliers = state.outliers
     is_doubting = images.outliers is not None
-    block = replace(images[rows], outliers=outliers)
-    expected = posterior_mean(block, views, model, slopes=not hold)
     if is_doubting or not hold:
+        images = replace(images, outliers=outliers)
+        before = posterior_mean(images, views, model, slopes=not hold)
         doubted = outliers
         if is_doubting:
-            doubted = change_inliers(block, expected.flip_gain)
+            doubted = change_inliers(images, before.flip_gain)
         moved = views
         if not hold:
-            moved = step_views(views, expected, damping)
-        then = posterior_mean(replace(block, outliers=doubted), moved, model)
-        is_better = then.log_density > expected.log_density
-        expected = choose_rows(is_better, then, expected)
-        views = choose_rows(is_better, moved, views)
+            moved = step_views(views, before, damping)
+        after = find_log_density(replace(images, outliers=doubted), moved, model)
+        is_better = after > before.log_density
+        views = choose_views(is_better, moved, views)
         outliers = np.where(is_better[:, None], doubted, outliers)
         if not hold:
             factor = np.where(is_better, 0.3, 10.0)
             damping = np.clip(factor * damping, 1e-3, 1e3)
+    images = replace(images, outliers=outliers)
+    expected = posterior_mean(images, views, model, covariance=True)
+    assert expected.covariance is not None
     return Expectation(
         views=views,
         damping=damping,
         shapes=expected.shapes,
         outliers=outliers,
-        covariance=sum_covariances(expected, views, model),
+        covariance=expected.covariance,
         log_density=float(expected.log_density.sum()),
         residual_variance=float(expected.residual_variance.sum()),
     )
 
 
-def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
-    """Concatenate expectations of blocks of images, and add their sums in order."""
-    covariance = np.zeros_like(blocks[0].covariance)
-    for block in blocks:
-        covariance += block.covariance
-    return Expectation(
-        views=Views(
-            np.concatenate([block.views.rotation for block in blocks]),
-            np.concatenate([block.views.log_scale for block in blocks]),
-        ),
-        damping=np.concatenate([block.damping for block in blocks]),
-        shapes=np.concatenate([block.shapes for block in blocks]),
-        outliers=np.concatenate([block.outliers for block in blocks]),
-        covariance=covariance,
-        log_density=sum(block.log_density for block in blocks),
-        residual_variance=sum(block.residual_variance for block in blocks),
+def choose_views(mask: Flags, yes: Views, no: Views) -> Views:
+    """Return the views `yes` where the mask (n,) is True, else `no`."""
+    return Views(
+        rotation=np.where(mask[:, None, None], yes.rotation, no.rotation),
+        log_scale=np.where(mask, yes.log_scale, no.log_scale),
     )
 
 

@@ -9,29 +9,29 @@ chance epsilon; then it falls with the density u per area. Close to the Procrust
 normal distribution of Lee, Cho, Choi and Oh (CVPR 2013) and to the model of Torresani,
 Hertzmann and Bregler (PAMI 2008).
 
-Expectation: with v_j = s^2 rho + sigma^2 / omega_j^2, B = s P R V and the translation
-as two more columns of B with a flat prior, the landmarks less s P R mu, r, have
+The expectation is that of the compiled kernel, core/learn/expectation.cpp. With v_j =
+s^2 rho + sigma^2 / omega_j^2, the residuals e_j of the landmarks and their covariance
+H_j by the other unknowns, what the others say of landmark j, seen, is
 
-    M = diag(I, 0) + B^T v^-1 B,   z^ = M^-1 B^T v^-1 r,   alpha = v^-1 (r - B z^),
-    log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
-    log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),
+    log p_j = 1/2 log |A| - 1/2 e_j^T A^-1 e_j / v_j - log(2 pi v_j),
+    A = I - H_j / v_j,
 
-with A = I - B_j M^-1 B_j^T / v_j, a = (r - B z^)_j and p_j what the other landmarks say
-of landmark j, seen; for an outlier A^-1 = I + B_j M^-1 B_j^T / v_j,
-
-and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
+and of an outlier the same with A = I + H_j / v_j and -1/2 log |A|.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass
+from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
 from shapefit import core
 from shapefit.arrays import Flags, Floats, Indices
+from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.geometry.rotations import exponential
+from shapefit.threads import thread_count
 
 VIEW_DIRECTIONS = 4
 """In which a view moves: turns about the axes of the camera, and log s."""
@@ -44,16 +44,6 @@ OUTLIER_LOG_DENSITY = np.log(0.02 / (1 - 0.02) * 0.05)
 
 MAX_VIEW_STEP = 0.3
 """In radians and log s."""
-
-VIEW_MOTIONS = np.array(
-    [
-        [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
-        [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
-        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    ]
-)
-"""P K_o (4, 2, 3): how the image of a point moves in each direction of a view."""
 
 MAX_MODES = 64
 """Modes V of a model at most."""
@@ -135,201 +125,183 @@ class Gaussian:
 class Expected:
     """What a model expects of n images.
 
-    log_density (n,), shapes E x (n, 3, p) and translation (n, 2). root (n, 3p, q + 2),
-    a root of the covariance of shapes but for what landmarks alone tell, and gain (n,
-    p) = s^2 rho / v, from which that follows; gradient (n, 4) and information (n, 4, 4)
-    of the log density by the view, None where they were not asked for;
-    residual_variance (n,), the sum over the visible landmarks of omega^2 E |e|^2;
-    flip_gain (n, p), the log density that an image gains where one landmark becomes an
-    outlier, or stops to be one.
+    log_density (n,), shapes E x (n, 3, p) and translation (n, 2); gradient (n, 4) and
+    information (n, 4, 4) of the log density by the view, and covariance (3p, 3p), the
+    sum of those of the shapes, None where they were not asked for; residual_variance
+    (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n, p), the
+    log density that an image gains where one landmark becomes an outlier, or stops to
+    be one.
     """
 
     log_density: Floats
     flip_gain: Floats
     shapes: Floats
     translation: Floats
-    root: Floats
-    gain: Floats
     gradient: Floats | None
     information: Floats | None
+    covariance: Floats | None
     residual_variance: Floats
 
 
-OfImages = TypeVar("OfImages", Views, Expected)
-
-
 def posterior_mean(
-    images: Images, views: Views, model: Gaussian, *, slopes: bool = False
+    images: Images,
+    views: Views,
+    model: Gaussian,
+    *,
+    slopes: bool = False,
+    covariance: bool = False,
 ) -> Expected:
     """Return the posterior moments of the shapes in the images, given their views.
 
     With `slopes` also the gradient and the information of the log density by the views.
-    With U U^T = M^-1 all that is needed follows from V U, by landmark. The gradient is
-    that of the expected log density of image and shape together (Fisher's identity);
-    the information is that of the mean shape, the covariance held.
+    The gradient is that of the expected log density of image and shape together
+    (Fisher's identity); the information is that of the mean shape, its covariance held.
+    With `covariance` also the sum of the covariances of the shapes.
     """
     n, _, p = images.landmarks.shape
-    q = model.modes.shape[2]
-    projected = _project(images, views, model)
-    B, u = projected.B, projected.u
-    U = _root_of_covariance(B, u, q)
-    linear_term = (u[:, None] * projected.r).reshape(n, 1, 2 * p) @ B
-    z = (U @ (linear_term @ U)[:, 0, :, None])[..., 0]
-    left = projected.r - (B @ z[..., None]).reshape(n, 2, p)
-    alpha = u[:, None] * left
-    gain = projected.rest * u
-    back = gain / projected.s[:, None]
-    RP = projected.PR.transpose(0, 2, 1)
-    V = model.modes.reshape(3 * p, q)
-    deformation = (z[:, :q] @ V.T).reshape(n, 3, p)
-    shapes = model.mean + deformation + back[:, None] * (RP @ left)
-    VU = (V @ U[:, :q]).reshape(n, 3, -1)
-    half = (projected.sPR @ VU).reshape(n, 2, p, q + 2)
-    half += U[:, q:, None]
-    # H = B M^-1 B^T of each landmark with itself: what the others leave open of it
-    H = np.einsum("ncpk,ndpk->npcd", half, half)
-    half *= u[:, None, :, None]
-    weighted = half.reshape(n, 2, -1)
-    gradient = information = None
-    if slopes:
-        # d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
-        # blocks of each landmark with itself
-        stays = back[..., None, None] * (np.eye(2) - u[..., None, None] * H)
-        of_landmark = weighted @ VU.transpose(0, 2, 1)
-        of_landmark = of_landmark + stays.sum(axis=1) @ projected.PR
-        moved = alpha @ shapes.transpose(0, 2, 1) - of_landmark
-        gradient, information = _slopes(views, model, projected, U, moved)
-        _add_slopes_of_size(gradient, information, images, views, model)
-    root = VU
-    root -= (projected.s * model.rest)[:, None, None] * RP @ weighted
-    flip_gain = find_flip_gain(left, H, projected.v, images.visible)
-    return Expected(
-        log_density=_log_density(images, views, model, projected, U, alpha),
-        flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
+    seen = _project(images, views, model)
+    log_density = np.empty(n)
+    shapes = np.empty((n, 3, p))
+    translation = np.empty((n, 2))
+    left = np.empty((n, 2, p))
+    H = np.empty((n, p, 2, 2))
+    m = n if slopes else 0
+    gradient = np.empty((m, VIEW_DIRECTIONS))
+    information = np.empty((m, VIEW_DIRECTIONS, VIEW_DIRECTIONS))
+    blocks = ceil(n / IMAGES_PER_BLOCK) if covariance else 0
+    of_blocks = np.empty((blocks, 3 * p, 3 * p))
+    core.expect_shapes(
+        residuals=seen.residuals,
+        precisions=seen.precisions,
+        rotation=np.ascontiguousarray(views.rotation),
+        scale=seen.scale,
+        modes=np.ascontiguousarray(model.modes),
+        translation_precision=TRANSLATION_PRECISION,
+        log_density=log_density,
+        mean=np.ascontiguousarray(model.mean),
+        rest=model.rest,
         shapes=shapes,
-        translation=z[:, q:],
-        root=root.reshape(n, 3 * p, -1),
-        gain=gain,
+        translation=translation,
+        left=left,
+        uncertainty=H,
         gradient=gradient,
         information=information,
-        residual_variance=_residual_variance(images, projected, gain, left, H),
+        covariance=of_blocks,
+        threads=thread_count(0),
+    )
+    if slopes:
+        deviation = views.log_scale - model.log_size[images.sequence]
+        gradient[:, 3] -= deviation / model.size_variance
+        information[:, 3, 3] += 1 / model.size_variance
+    flip_gain = find_flip_gain(left, H, seen.variances, images.visible)
+    return Expected(
+        log_density=log_density + _other_log_density(images, views, model, seen),
+        flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
+        shapes=shapes,
+        translation=translation,
+        gradient=gradient if slopes else None,
+        information=information if slopes else None,
+        covariance=_add_rest(of_blocks, views, model, seen) if covariance else None,
+        residual_variance=_residual_variance(images, seen, left, H),
     )
 
 
-class _Projected(NamedTuple):
-    """A model projected into images by their views.
+def find_log_density(images: Images, views: Views, model: Gaussian) -> Floats:
+    """Return the log density (n,) of the images and of the sizes of their views."""
+    seen = _project(images, views, model)
+    log_density = np.empty(len(images))
+    core.find_view_densities(
+        residuals=seen.residuals,
+        precisions=seen.precisions,
+        rotation=np.ascontiguousarray(views.rotation),
+        scale=seen.scale,
+        modes=np.ascontiguousarray(model.modes),
+        translation_precision=TRANSLATION_PRECISION,
+        log_density=log_density,
+        threads=thread_count(0),
+    )
+    return log_density + _other_log_density(images, views, model, seen)
 
-    s (n,); P R (n, 2, 3) and s P R; s^2 rho (n, 1); v and u = 1 / v of visible
-    landmarks, else 0 (n, p); B (n, 2p, q + 2) and residuals r (n, 2, p).
+
+class _Projected(NamedTuple):
+    """The mean shape and the errors of landmarks, seen by the views.
+
+    scale s (n,); residuals w - s P R mu (n, 2, p), 0 where hidden; rest s^2 rho (n, 1);
+    variances v (n, p) and precisions 1 / v, 0 for landmarks that do not count (n, p).
     """
 
-    s: Floats
-    PR: Floats
-    sPR: Floats
+    scale: Floats
+    residuals: Floats
     rest: Floats
-    v: Floats
-    u: Floats
-    B: Floats
-    r: Floats
+    variances: Floats
+    precisions: Floats
 
 
 def _project(images: Images, views: Views, model: Gaussian) -> _Projected:
-    """Project the mean and the modes of a model into images by their views."""
-    n, _, p = images.landmarks.shape
-    q = model.modes.shape[2]
+    """Project the mean shape into images by their views."""
     s = np.exp(views.log_scale)
-    PR = views.rotation[:, :2]
-    sPR = s[:, None, None] * PR
+    mean = s[:, None, None] * (views.rotation[:, :2] @ model.mean)
     is_there = images.weights > 0
     rest = (s**2 * model.rest)[:, None]
     v = rest + model.noise / np.where(is_there, images.weights, 1.0) ** 2
-    u = np.where(images.visible, 1.0 / v, 0.0)
-    modes = sPR.reshape(2 * n, 3) @ model.modes.reshape(3, p * q)
-    B = np.zeros((n, 2, p, q + 2))
-    B[..., :q] = modes.reshape(n, 2, p, q)
-    B[:, 0, :, q] = 1.0
-    B[:, 1, :, q + 1] = 1.0
-    r = np.where(is_there[:, None], images.landmarks - sPR @ model.mean, 0.0)
-    return _Projected(s, PR, sPR, rest, v, u, B.reshape(n, 2 * p, q + 2), r)
+    return _Projected(
+        scale=s,
+        residuals=np.where(is_there[:, None], images.landmarks - mean, 0.0),
+        rest=rest,
+        variances=v,
+        precisions=np.where(images.visible, 1.0 / v, 0.0),
+    )
 
 
-def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
-    """Return upper U (n, q + 2, q + 2), U U^T = (B^T diag(u, u) B + prior)^-1."""
-    n, _, columns = B.shape
-    uB = (u[:, None, :, None] * B.reshape(n, 2, u.shape[1], columns)).reshape(B.shape)
-    M = uB.transpose(0, 2, 1) @ B
-    M[:, np.arange(q), np.arange(q)] += 1.0
-    M[:, [q, q + 1], [q, q + 1]] += TRANSLATION_PRECISION
-    core.invert_factors(matrices=M, threads=1)
-    return M.transpose(0, 2, 1)
-
-
-def _log_density(
-    images: Images,
-    views: Views,
-    model: Gaussian,
-    projected: _Projected,
-    root: Floats,
-    weighted_residuals: Floats,
+def _other_log_density(
+    images: Images, views: Views, model: Gaussian, seen: _Projected
 ) -> Floats:
-    """Return the log density (n,) of the images and of the sizes of their views."""
+    """Return the terms (n,) of the log density that the modes have no part in.
+
+    Those of the variances of landmarks, of outliers and of the sizes of the views.
+    """
     visible = images.visible
-    log_density = -0.5 * (projected.r * weighted_residuals).sum(axis=(1, 2))
-    log_density += np.log(np.einsum("nqq->nq", root)).sum(axis=1)
-    log_density -= np.where(visible, np.log(2 * np.pi * projected.v), 0.0).sum(axis=1)
+    of_variances = np.where(visible, np.log(2 * np.pi * seen.variances), 0.0)
     outliers = ((images.weights > 0) & ~visible).sum(axis=1)
-    log_density += OUTLIER_LOG_DENSITY * outliers
     deviation = views.log_scale - model.log_size[images.sequence]
     variance = model.size_variance
-    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
-    return np.asarray(log_density)
+    of_sizes = 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
+    return np.asarray(
+        OUTLIER_LOG_DENSITY * outliers - of_variances.sum(axis=1) - of_sizes
+    )
 
 
 def _residual_variance(
-    images: Images,
-    projected: _Projected,
-    gain: Floats,
-    residuals: Floats,
-    covariance: Floats,
+    images: Images, seen: _Projected, residuals: Floats, covariance: Floats
 ) -> Floats:
     """Return the expected error omega^2 E |e|^2 (n,), summed over visible landmarks."""
     omega = images.weights
-    share = np.where(images.visible, 1 - gain, 0.0)
+    share = np.where(images.visible, 1 - seen.rest * seen.precisions, 0.0)
     squares = (residuals**2).sum(axis=1) + covariance[..., 0, 0] + covariance[..., 1, 1]
-    of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * projected.rest
+    of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * seen.rest
     return np.asarray(of_landmark.sum(axis=1))
 
 
-def _slopes(
-    views: Views, model: Gaussian, projected: _Projected, root: Floats, slope: Floats
-) -> tuple[Floats, Floats]:
-    """Return gradient (n, 4) and information (n, 4, 4) of log densities by the views.
+def _add_rest(
+    blocks: Floats, views: Views, model: Gaussian, seen: _Projected
+) -> Floats:
+    """Return the sum of the covariances (3p, 3p) of all shapes.
 
-    slope (n, 2, 3): the derivative of the log density by s P R.
+    blocks (b, 3p, 3p), sums over images of what landmarks share; the rest rho of each
+    landmark by itself is added, less what is seen of it.
     """
-    n = len(projected.s)
-    B, u = projected.B, projected.u
-    turned = np.einsum("oca,nai->noci", VIEW_MOTIONS, views.rotation)
-    D = projected.s[:, None, None, None] * turned
-    gradient = np.einsum("noci,nci->no", D, slope)
-    J = (D.reshape(-1, 3) @ model.mean).reshape(n, VIEW_DIRECTIONS, B.shape[1])
-    uJ = J * np.tile(u, 2)[:, None]
-    JB = uJ @ B @ root
-    information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
-    return gradient, information
-
-
-def _add_slopes_of_size(
-    gradient: Floats,
-    information: Floats,
-    images: Images,
-    views: Views,
-    model: Gaussian,
-) -> None:
-    """Add the slopes of the prior of log s to gradient and information, in place."""
-    deviation = views.log_scale - model.log_size[images.sequence]
-    gradient[:, 3] -= deviation / model.size_variance
-    information[:, 3, 3] += 1 / model.size_variance
+    total = np.zeros(blocks.shape[1:])
+    for block in blocks:
+        total += block
+    n, p = seen.precisions.shape
+    PR = views.rotation[:, :2]
+    across = (PR.transpose(0, 2, 1) @ PR).reshape(n, 9)
+    gain = seen.rest * seen.precisions
+    retained = (gain.T @ across).reshape(p, 3, 3)
+    j = np.arange(p)
+    of_itself = total.reshape(3, p, 3, p)
+    of_itself[:, j, :, j] += model.rest * (n * np.eye(3) - retained)
+    return total
 
 
 def find_flip_gain(
@@ -370,20 +342,6 @@ def change_inliers(images: Images, flip_gain: Floats) -> Flags:
     outliers = is_there & ~visible
     outliers[rows, most] ^= gained[rows, most] > 0
     return outliers
-
-
-def sum_covariances(expected: Expected, views: Views, model: Gaussian) -> Floats:
-    """Return the sum over images of the covariance (3p, 3p) of their shapes."""
-    n, _, p = expected.shapes.shape
-    PR = views.rotation[:, :2]
-    root = expected.root.transpose(1, 0, 2).reshape(3 * p, -1)
-    total: Floats = root @ root.T
-    across = (PR.transpose(0, 2, 1) @ PR).reshape(n, 9)
-    retained = (expected.gain.T @ across).reshape(p, 3, 3)
-    j = np.arange(p)
-    of_itself = total.reshape(3, p, 3, p)
-    of_itself[:, j, :, j] += model.rest * (n * np.eye(3) - retained)
-    return total
 
 
 def step_views(views: Views, expected: Expected, damping: Floats) -> Views:
@@ -432,23 +390,6 @@ def split_ppca(
         log_size=np.zeros(1),
         size_variance=1.0,
     )
-
-
-def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
-    """Return the rows of `yes` where the mask (n,) is True, else those of `no`.
-
-    Of each field, None where one of the two has none.
-    """
-    chosen: dict[str, Any] = {}
-    for column in fields(yes):
-        a = getattr(yes, column.name)
-        b = getattr(no, column.name)
-        if a is None or b is None:
-            chosen[column.name] = None
-        else:
-            of_each = mask.reshape(-1, *[1] * (a.ndim - 1))
-            chosen[column.name] = np.where(of_each, a, b)
-    return replace(yes, **chosen)
 
 
 def hide_some(visible: Flags) -> Flags:

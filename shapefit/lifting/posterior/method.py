@@ -203,7 +203,8 @@ def find_posterior_from(
         threads=threads,
     )
     if model.residual_variance < NEARLY_EXACT_VARIANCE:
-        coarse = find(find_residual_variance(problem, COARSE_VARIANCE), starts=starts)
+        variance = find_residual_variance(problem, COARSE_VARIANCE)
+        coarse = find(variance, starts=starts, shapes=False)
         starts = coarse.rotation[:, None]
     return find(
         find_residual_variance(problem, model.residual_variance),

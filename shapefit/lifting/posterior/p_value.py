@@ -157,16 +157,21 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
     without y.
     """
     drawn = draw_images(prior, count)
-    y = true_distances(prior, drawn)
     freedom = 2.0 * count - 2
-    pilot = find_posterior_of(drawn.part(slice(PILOT_IMAGES)), prior)
-    _, r = slope_and_correlation(pilot.squared_mahalanobis, y[:PILOT_IMAGES])
+    pilot = drawn.part(slice(PILOT_IMAGES))
+    of_pilot = find_posterior_of(pilot, prior)
+    y = true_distances(prior, pilot)
+    _, r = slope_and_correlation(of_pilot.squared_mahalanobis, y)
     enough = max(PILOT_IMAGES, round(DRAWN_IMAGES * (1 - r**4)))
-    others = find_posterior_of(drawn.part(slice(PILOT_IMAGES, enough)), prior)
-    x = np.concatenate([pilot.squared_mahalanobis, others.squared_mahalanobis])
-    inliers = np.concatenate([pilot.inlier_probability, others.inlier_probability])
-    b, _ = slope_and_correlation(x, y[: len(x)])
-    z = x - b * (y[: len(x)] - freedom)
+    others = drawn.part(slice(PILOT_IMAGES, enough))
+    of_others = find_posterior_of(others, prior)
+    x = np.concatenate([of_pilot.squared_mahalanobis, of_others.squared_mahalanobis])
+    y = np.concatenate([y, true_distances(prior, others)])
+    inliers = np.concatenate(
+        [of_pilot.inlier_probability, of_others.inlier_probability]
+    )
+    b, _ = slope_and_correlation(x, y)
+    z = x - b * (y - freedom)
     mean = float(np.nanmean(z))
     number = np.where(drawn.shown[: len(x)], inliers, 0.0).sum(axis=1)
     excess = mean - float(2 * np.nanmean(number) - VIEW_NUMBERS)
@@ -202,7 +207,9 @@ def draw_images(prior: Mixture, count: int) -> Drawn:
     p = prior.means.shape[2]
     roots = np.linalg.cholesky(prior.covariances)
     k = rng.choice(len(prior), size=n, p=prior.weights / prior.weights.sum())
-    away = np.einsum("nij,nj->ni", roots[k], rng.normal(size=(n, 3 * p)))
+    away = rng.normal(size=(n, 3 * p))
+    for i, root in enumerate(roots):
+        away[k == i] = np.einsum("ij,nj->ni", root, away[k == i])
     R = random_rotations(n, rng)
     w = (R @ (prior.means[k] + away.reshape(n, 3, p)))[:, :2]
     w += np.sqrt(DRAWN_RESIDUAL_VARIANCE) * rng.normal(size=w.shape)
@@ -220,6 +227,7 @@ def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
         prior=prior,
         starts=drawn.rotation[:, None],
         outliers=OUTLIERS,
+        shapes=False,
     )
 
 
@@ -243,8 +251,8 @@ def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
     k, R, w, shown = drawn
     n = len(k)
     rows = np.arange(n)[:, None]
-    landmark = np.nonzero(shown)[1].reshape(n, -1)
-    m = landmark.shape[1]
+    m = int(shown[:1].sum())  # of every image
+    landmark = np.nonzero(shown)[1].reshape(n, m)
     P = R[:, None, None, :2]
     by_landmark = prior.by_landmark
     C = by_landmark[k[:, None, None], landmark[:, :, None], :, landmark[:, None], :]

@@ -97,6 +97,7 @@ def find_posterior(
     slopes: Floats | None = None,
     modes: int = 0,
     covariance: bool = False,
+    shapes: bool = True,
     threads: int = 0,
 ) -> Posterior:
     """Return means, covariances and evidence of the shapes of n images under a prior.
@@ -109,10 +110,12 @@ def find_posterior(
     the prior, and each maximum counts once, by its evidence. outliers: how likely a
     landmark is one, never by default. modes: how many maxima of an image, the most
     likely ones, are returned besides; covariance: whether that of all landmarks
-    together is. slopes (n, 2, p), of the rays on which the landmarks lie: P_j = [I |
-    -slope_j] where a point at the depth z of the middle of the shape is seen at w_j;
-    without them the rays are parallel. With usual lengths of limbs the mixture is that
-    given these; its modes, which are stored, are those without.
+    together is; without `shapes` neither that nor their means, deviations and
+    correlations have rows, and modes and lengths must not be asked for. slopes (n, 2,
+    p), of the rays on which the landmarks lie: P_j = [I | -slope_j] where a point at
+    the depth z of the middle of the shape is seen at w_j; without them the rays are
+    parallel. With usual lengths of limbs the mixture is that given these; its modes,
+    which are stored, are those without.
     """
     outliers = outliers or Outliers()
     lengths = lengths or LimbLengths.none()
@@ -125,7 +128,7 @@ def find_posterior(
         slopes = np.zeros_like(landmarks)
     else:
         slopes = np.where(visible[:, None], slopes, 0.0)
-    found = _empty_posterior(n, p, modes, covariance=covariance)
+    found = _empty_posterior(n, p, modes, covariance=covariance, shapes=shapes)
     assert found.covariance is not None
     core.find_posterior(
         landmarks=_in_order(about_middle),
@@ -162,21 +165,26 @@ def find_posterior(
         mode_inlier_probability=found.modes.inlier_probability,
         threads=threads,
     )
-    found.mean[:, :2] += middle
+    if shapes:
+        found.mean[:, :2] += middle
     found.modes.mean[:, :, :2] += middle[:, None]
     return found if covariance else found._replace(covariance=None)
 
 
-def _empty_posterior(n: int, p: int, modes: int, *, covariance: bool) -> Posterior:
+def _empty_posterior(
+    n: int, p: int, modes: int, *, covariance: bool, shapes: bool
+) -> Posterior:
     """Return arrays that a kernel fills with the posterior of n images.
 
-    modes: how many of each image; without `covariance` that array has no rows.
+    modes: how many of each image; without `covariance` that array has no rows, without
+    `shapes` neither have those of their means, deviations and correlations.
     """
     d = 3 * p
+    m = n if shapes else 0
     return Posterior(
-        mean=np.empty((n, 3, p)),
-        deviation=np.empty((n, 3, p)),
-        correlation=np.empty((n, 3, p)),
+        mean=np.empty((m, 3, p)),
+        deviation=np.empty((m, 3, p)),
+        correlation=np.empty((m, 3, p)),
         covariance=np.empty((n if covariance else 0, d, d)),
         inlier_probability=np.empty((n, p)),
         rotation=np.empty((n, 3, 3)),

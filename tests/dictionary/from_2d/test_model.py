@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.arrays import Floats
+from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.from_2d.model import (
     Views,
+    find_log_density,
     posterior_mean,
     split_ppca,
-    sum_covariances,
 )
 from shapefit.geometry.rotations import exponential
 
@@ -55,6 +56,17 @@ class DenseGaussian:
     residual_variance: float
 
 
+def landmark_covariance(planted, i) -> Floats:
+    """Return the covariance of the visible landmarks of an image."""
+    weights = np.tile(planted.images.weights[i], 2)
+    visible = weights > 0
+    scaled = np.exp(planted.views.log_scale[i]) * planted.views.rotation[i][:2]
+    A = np.kron(scaled, np.eye(P))[visible]
+    T = np.kron(np.eye(2), np.ones((P, 1)))[visible]
+    noise = planted.model.noise * np.diag(weights[visible] ** -2)
+    return A @ planted.model.covariance @ A.T + noise + WIDE * T @ T.T
+
+
 def dense_gaussian(planted, i) -> DenseGaussian:
     """Condition the joint Gaussian, all at once, with a translation that is wide."""
     model = planted.model
@@ -62,12 +74,11 @@ def dense_gaussian(planted, i) -> DenseGaussian:
     visible = weights > 0
     scaled = np.exp(planted.views.log_scale[i]) * planted.views.rotation[i][:2]
     A = np.kron(scaled, np.eye(P))[visible]
-    T = np.kron(np.eye(2), np.ones((P, 1)))[visible]
     omega = weights[visible]
     noise = model.noise * np.diag(omega**-2)
 
     C = model.covariance
-    S = A @ C @ A.T + noise + WIDE * T @ T.T
+    S = landmark_covariance(planted, i)
     mean = model.mean.ravel()
     r = planted.images.landmarks[i].ravel()[visible] - A @ mean
     gain = C @ A.T @ np.linalg.inv(S)
@@ -104,9 +115,31 @@ def test_noise_is_that_of_the_joint_gaussian(planted, dense):
 
 
 def test_covariances_are_those_of_the_joint_gaussian(planted, dense):
-    found = sum_covariances(expect(planted), planted.views, planted.model)
+    found = posterior_mean(
+        planted.images, planted.views, planted.model, covariance=True
+    ).covariance
     total = sum(exact.covariance for exact in dense)
     assert_allclose(found, total, atol=1e-5)
+
+
+def test_covariances_of_many_images_add_up(plant, monkeypatch):
+    """Of so many that one thread takes several blocks at a time."""
+    n = 17 * IMAGES_PER_BLOCK
+    planted = plant(n, p=5, noise=0.02, hidden=0.1)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+
+    def find_covariance(rows):
+        images, views = planted.images[rows], planted.views[rows]
+        found = posterior_mean(images, views, planted.model, covariance=True)
+        return found.covariance
+
+    parts = sum(find_covariance(slice(i, i + 50)) for i in range(0, n, 50))
+    assert_allclose(find_covariance(slice(n)), parts, rtol=1e-9, atol=1e-9)
+
+
+def test_the_log_density_by_itself_is_that_with_the_moments(planted):
+    alone = find_log_density(planted.images, planted.views, planted.model)
+    assert_array_equal(alone, expect(planted).log_density)
 
 
 def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(
@@ -174,6 +207,28 @@ def test_gradient_is_that_of_the_log_density(planted, direction):
     difference = log_density_at(step) - log_density_at(-step)
     slope = difference / (2 * step)
     assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
+
+
+def test_information_is_that_of_the_mean_shape_seen(planted):
+    """J^T S^-1 J, with J the motions of the projected mean shape."""
+    found = posterior_mean(planted.images, planted.views, planted.model, slopes=True)
+
+    step = 1e-6
+    for i in range(N):
+        visible = np.tile(planted.images.weights[i], 2) > 0
+        R = planted.views.rotation[i]
+        s = np.exp(planted.views.log_scale[i])
+
+        def project(move, R=R, s=s, visible=visible):
+            turned = exponential(move[None, :3])[0] @ R
+            seen = s * np.exp(move[3]) * turned[:2] @ planted.model.mean
+            return seen.ravel()[visible]
+
+        moves = step * np.eye(4)
+        J = np.stack([project(move) - project(-move) for move in moves]) / (2 * step)
+        expected = J @ np.linalg.solve(landmark_covariance(planted, i), J.T)
+        expected[3, 3] += 1 / planted.model.size_variance
+        assert_allclose(found.information[i], expected, rtol=1e-4, atol=1e-4)
 
 
 def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):

@@ -160,6 +160,28 @@ def test_the_combination_of_modes_has_the_moments_of_their_mixture(draw_mixture)
     assert_allclose(found.covariance[has_several], covariance[has_several], atol=1e-6)
 
 
+def test_without_shapes_all_else_is_the_same(draw_mixture):
+    """Of an image without a posterior, too."""
+    prior = draw_mixture(4, k=3)
+    _, w, R = draw_images(prior, 20, seed=2, residual_variance=0.003)
+    w[3, :, 2:] = np.nan
+
+    whole = solve(prior, w, R[:, None], 0.003)
+    found = solve(prior, w, R[:, None], 0.003, shapes=False)
+
+    assert len(found.mean) == len(found.deviation) == len(found.correlation) == 0
+    for name in (
+        "inlier_probability",
+        "rotation",
+        "scale",
+        "log_evidence",
+        "squared_mahalanobis",
+        "stationary",
+        "rounds",
+    ):
+        assert_array_equal(getattr(found, name), getattr(whole, name))
+
+
 def test_an_image_without_three_landmarks_has_no_posterior(draw_scene):
     scene, R = draw_scene(7, hidden=(0, 1, 2, 3, 4))
     found = solve_one(scene, R)
