@@ -513,7 +513,10 @@ class Hdf5Reader(Hdf5File):
                 raise ValueError("a name is not UTF-8")
         renamed = RENAMED if self._attributes["version"] == 1 else {}
         for name, node in nodes.items():
-            if isinstance(node, h5py.Dataset):
+            if not isinstance(node, h5py.Dataset):
+                continue
+            # one of the null dataspace holds nothing that could be carried along
+            if node.shape is not None or name in self.columns:
                 self._datasets[renamed.get(name, name)] = node
 
     def _has_landmark_edges(self) -> bool:

@@ -125,6 +125,15 @@ def test_a_matrix_of_the_file_is_not_cut_where_there_are_as_many_items(tmp_path,
     assert first.column("time").tolist() == [0]
 
 
+def test_a_dataset_without_values_is_not_carried_along(landmark_file):
+    with h5py.File(landmark_file, "a") as file:
+        file["note"] = h5py.Empty("f")
+        file["camera/note"] = h5py.Empty(h5py.string_dtype())
+    landmarks = load(landmark_file)
+    assert not {"note", "camera/note"} & landmarks.file_extras.keys()
+    save(landmark_file, landmarks)
+
+
 @pytest.fixture
 def file_with_groups(landmark_file, edit):
     """Landmarks with a group: a focal length of each image, a model of all cameras."""

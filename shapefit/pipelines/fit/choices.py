@@ -195,9 +195,10 @@ def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
     place: the dictionary as the message names it.
     """
     for need in METHODS[method].needs:
-        fault = need.find_fault(dictionary)
         if getattr(dictionary, need.name) is None:
             fault = f"no `{need.name}`"
+        else:
+            fault = need.find_fault(dictionary)
         if fault:
             raise input_error(place, f"{fault}: {need.what}", need.fix)
 

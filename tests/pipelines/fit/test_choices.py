@@ -208,6 +208,13 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, im
         fit(dictionary, images, method="pmp")
 
 
+def test_pmp_refuses_a_dictionary_without_limbs(fit, dictionary, images):
+    without_limbs = replace(read_dictionary(dictionary), edges=None)
+    write_dictionary(dictionary, without_limbs)
+    with pytest.raises(InputError, match="no `edges`: the limbs whose lengths"):
+        fit(dictionary, images, method="pmp")
+
+
 @pytest.mark.parametrize(
     ("factor", "is_told"),
     [
