@@ -35,6 +35,16 @@ def finite_median(values: Numbers, default: float = float("nan")) -> float:
     return median(finite) if len(finite) else default
 
 
+MAX_EXACT = 2.0**53
+"""Whole numbers as large as this, and larger ones, are not told apart."""
+
+
+def are_whole(numbers: Floats) -> Flags:
+    """Return which numbers (n,) are whole and below `MAX_EXACT` in size."""
+    whole: Flags = (np.abs(numbers) < MAX_EXACT) & (np.trunc(numbers) == numbers)
+    return whole
+
+
 def split_runs(is_new: Flags, count: int) -> list[slice]:
     """Split `count` rows into slices, which begin where `is_new` (count - 1,) is true.
 

@@ -22,7 +22,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, are_whole
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
@@ -57,9 +57,6 @@ back.
 
 ROW_NUMBERS = ""
 """Name of a first column that is passed over: pandas numbers the rows in it."""
-
-MAX_FRAME = 2.0**53
-"""Beyond it whole numbers are not told apart."""
 
 FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
 
@@ -283,7 +280,7 @@ class Table:
             faults.note(column, of_item.add(column, cells, item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
-            whole = (np.abs(numbers) < MAX_FRAME) & (np.trunc(numbers) == numbers)
+            whole = are_whole(numbers)
             self.numbered = self.numbered or any(cells.unique_texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
                 texts_of_rows, texts = cells.unique_texts("sequence")

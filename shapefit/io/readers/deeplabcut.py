@@ -12,10 +12,9 @@ from typing import NoReturn
 import numpy as np
 from typing_extensions import TypedDict
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import MAX_EXACT, Floats, Integers, are_whole
 from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_cells import read_numbers
-from shapefit.io.csv_file import MAX_FRAME
 from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
     FormatError,
@@ -216,10 +215,11 @@ def _rows_by_frame(index: Floats) -> TableRows:
     Raises FormatError for no whole number.
     """
     labels = number_labels(index)
-    whole = (index % 1 == 0).all() and (np.abs(index) < MAX_FRAME).all()
-    require(whole, "a frame that is no whole number", "number the frames")
+    require(
+        are_whole(index).all(), "a frame that is no whole number", "number the frames"
+    )
     frames = index.astype(np.int64)
-    return {"labels": labels, "frames": frames - frames.min(initial=MAX_FRAME)}
+    return {"labels": labels, "frames": frames - frames.min(initial=MAX_EXACT)}
 
 
 def _rows_by_image(path: Path, images: Sequence[str]) -> TableRows:

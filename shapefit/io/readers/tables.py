@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats, Integers, are_whole
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.csv_cells import read_numbers
 from shapefit.io.formats import Head
@@ -426,7 +426,7 @@ def _find_naming_column(
         values, wrong = read_numbers(cells)
         if wrong.any():
             return column
-        whole = bool((values % 1 == 0).all())
+        whole = bool(are_whole(values).all())
         if whole and numbered is None and (column == 0 or column in asked):
             numbered = column
     return numbered
@@ -531,10 +531,8 @@ def _parse_individual(cell: str) -> str:
 def _parse_integers(cells: Sequence[str]) -> list[int]:
     """Convert cells to integers; FormatError for the first that is none."""
     values, _ = read_numbers(cells)
-    wrong = ~(np.abs(values) < 2.0**53) | (
-        values % 1 != 0
-    )  # beyond, numbers are not told apart
-    unfit = [cells[row] for row in np.flatnonzero(wrong)[:1].tolist()]
+    wrong = np.flatnonzero(~are_whole(values))
+    unfit = [cells[row] for row in wrong[:1].tolist()]
     require(
         not unfit,
         f"{unfit} is no whole number; number the frames, or call the column `item`",

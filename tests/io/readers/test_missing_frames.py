@@ -166,8 +166,12 @@ def test_labelled_images_of_several_videos_are_apart(tmp_path):
     assert images.frames.tolist() == [0, 4, 897, 0]
 
 
-def test_frames_of_deeplabcut_are_whole_numbers(tmp_path, problems):
+@pytest.mark.parametrize(
+    ("frame", "fault"),
+    [("1.5", "a frame that is no whole number"), ("inf", "a frame without a number")],
+)
+def test_frames_of_deeplabcut_are_whole_numbers(tmp_path, problems, frame, fault):
     path = write_deeplabcut(tmp_path, [0, 1, 2])
-    path.write_text(path.read_text().replace("\n1,", "\n1.5,"))
+    path.write_text(path.read_text().replace("\n1,", f"\n{frame},"))
     (line,) = problems(load, path)
-    assert "a frame that is no whole number" in line
+    assert fault in line

@@ -207,6 +207,7 @@ REFUSED = [
         "frame,joint,x,y\nlast,a,1,2\n",
         "'last'. is no whole number.*call the column `it",
     ),
+    ("t.csv", "frame,joint,x,y\ninf,a,1,2\n", "'inf'. is no whole number"),
     ("t.csv", "frame,joint,x,y,score\n0,a,1,2,-1\n", "a confidence below 0"),
     ("t.csv", WIDE + "1,2,3\n", "csv:4: has 3 cells, not 5"),
     (
