@@ -13,7 +13,6 @@ import numpy as np
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError
 from shapefit.io import LandmarkSource, open_landmarks
 from shapefit.io.options import InputOptions
 from shapefit.lifting.methods import METHODS
@@ -38,8 +37,9 @@ from shapefit.records.items import concatenate
 
 
 class ReadPart(NamedTuple):
-    """All images of a part, and what was read beside them."""
+    """All images of a part, and what was read beside them; file, of its result."""
 
+    file: str
     images: Landmarks
     read: InputsRead
 
@@ -93,6 +93,8 @@ class TogetherLifter:
     calibration: Calibration
     opened: OpenParts
     pace: Pace = field(init=False)
+    alone: set[str] = field(default_factory=set)
+    """Files of parts that are lifted each by itself, as it went wrong together."""
     plans: dict[Sequence[str], FitPlan] = field(default_factory=dict)
     """The last plan, by the landmarks of the files for which it is."""
 
@@ -112,10 +114,11 @@ class TogetherLifter:
         if not group:
             return ()
         try:
-            batches = self.lift([part.images for part in group])
-        except Exception:  # it shows again where each is lifted by itself
+            plan = self.plan_of(group[0].images.landmark_names)
+            batches = self.lift([part.images for part in group], plan)
+        except Exception:  # which the part that it comes of reports
+            self.alone.update(part.file for part in group)
             return ()
-        plan = self.plans[group[0].images.landmark_names]
         seconds = (time.perf_counter() - began) / len(group)
         return [
             LiftedPart(plan, part.read, batch, seconds)
@@ -127,29 +130,29 @@ class TogetherLifter:
         room = self.pace.images
         kind: Hashable = None
         for part in parts:
+            if part.file in self.alone:
+                return
             try:
                 with self.opened.look_at(part) as source:
-                    if not 0 < source.count <= room:
-                        return
-                    if kind not in (None, kind_of(source.head)):
+                    its_kind = kind_of(source.head)
+                    if not 0 < source.count <= room or kind not in (None, its_kind):
                         return
                     images = source.whole()
-            except InputError:  # the part reports it
+            except Exception:  # which the part reports
                 return
-            kind = kind_of(source.head)
+            kind = its_kind
             room -= source.count
-            yield ReadPart(images, InputsRead.of(source))
+            yield ReadPart(part.file, images, InputsRead.of(source))
 
-    def lift(self, files: Sequence[Landmarks]) -> Iterator[LiftedBatch]:
+    def lift(self, files: Sequence[Landmarks], plan: FitPlan) -> list[LiftedBatch]:
         """Lift the images of several files together; return those of each."""
         images = concatenate(files)
         counts = [*map(len, files)]
         group = np.repeat(np.arange(len(files)), counts)
-        plan = self.plan_of(images.landmark_names)
         with self.pace.timed(len(images)):
             lifted = lift_batch(Batch(images, group), plan)
         stops = accumulate(counts, initial=0)
-        return (lifted.take(slice(start, stop)) for start, stop in pairwise(stops))
+        return [lifted.take(slice(start, stop)) for start, stop in pairwise(stops)]
 
     def plan_of(self, names: Sequence[str]) -> FitPlan:
         """Return the plan by which files that have these landmarks are lifted."""

@@ -135,6 +135,21 @@ def test_parts_that_fail_fail_alone(images, lifted, monkeypatch):
     check_alone(monkeypatch, outcomes)
 
 
+def test_what_goes_wrong_together_is_done_alone(images, monkeypatch):
+    """Once for each part, whatever it is."""
+    calls = []
+
+    def lift_batch(batch, plan):
+        calls.append(len(batch.images))
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(together, "lift_batch", lift_batch)
+    for name in "abc":
+        save(Path(f"{name}.csv"), images(2))
+    assert done(fit()) == 6
+    assert calls == [6]
+
+
 def test_parts_that_differ_are_lifted_each_as_it_is(images, lifted, monkeypatch):
     save(Path("a.h5"), images(2, unit="px"))
     save(Path("b.h5"), images(2, unit="px", y_axis="up"))
