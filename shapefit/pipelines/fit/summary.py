@@ -237,8 +237,11 @@ def find_metres(record: Fit) -> Floats | None:
 
 
 def largest_of(before: float | None, gaps: Floats | None) -> float | None:
-    """Return the largest of the finite gaps (n,) and the one before; None for none."""
-    known = [] if gaps is None else gaps[np.isfinite(gaps)].tolist()
+    """Return the largest of the finite gaps (n,) and the one before; None for none.
+
+    Of a gap that rounding leaves below 0 the size counts, as for its status.
+    """
+    known = [] if gaps is None else np.abs(gaps[np.isfinite(gaps)]).tolist()
     if before is not None:
         known.append(before)
     return max(known, default=None)

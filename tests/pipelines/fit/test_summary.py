@@ -13,6 +13,7 @@ from shapefit.pipelines.fit.summary import (
     Tally,
     find_viewed,
     format_gap,
+    largest_of,
     warn_of_names,
 )
 from shapefit.records import Fit
@@ -161,6 +162,11 @@ GAPS = [
     (0.5, None, ", within 5.0e-01 of the convex bound"),
 ]
 """The largest gap, how many images are not optimal, and what is said."""
+
+
+def test_a_gap_that_rounding_leaves_below_0_counts_by_its_size():
+    assert largest_of(None, np.array([-2e-16, np.nan])) == 2e-16
+    assert largest_of(1e-16, np.array([-2e-16])) == 2e-16
 
 
 @pytest.mark.parametrize(("largest_gap", "missed", "said"), GAPS)
