@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,18 @@ class Mixture:
         k, _, p = self.means.shape
         return self.covariances.reshape(k, 3, p, 3, p).transpose(0, 2, 1, 4, 3)
 
+    @cached_property
+    def whitening(self) -> Floats:
+        """Return W (K, 3p, 3p), lower triangular, with C^-1 = W^T W."""
+        return np.tril(np.linalg.inv(np.linalg.cholesky(self.covariances)))
+
+    @property
+    def log_determinants(self) -> Floats:
+        """Return log |C| (K,)."""
+        diagonals = self.whitening.diagonal(axis1=1, axis2=2)
+        log_determinants: Floats = -2 * np.log(diagonals).sum(axis=1)
+        return log_determinants
+
     @classmethod
     def of_landmarks(
         cls, weights: Floats, means: Floats, by_landmark: Floats
@@ -70,14 +83,13 @@ class Mixture:
         K = len(self)
         x = np.ascontiguousarray(shapes.reshape(len(shapes), -1), np.float64)
         d = x.shape[1]
-        L = np.linalg.cholesky(self.covariances)
-        log_sizes = np.log(L.diagonal(axis1=1, axis2=2)).sum(axis=1)
+        log_peaks = -0.5 * (self.log_determinants + d * np.log(2 * np.pi))
         density = np.empty((len(x), K))
         core.find_log_densities(
             shapes=x,
             means=np.ascontiguousarray(self.means.reshape(K, d), np.float64),
-            whiten=np.linalg.inv(L),
-            constants=np.log(self.weights) - log_sizes - 0.5 * d * np.log(2 * np.pi),
+            whiten=self.whitening,
+            constants=np.log(self.weights) + log_peaks,
             log_densities=density,
             threads=thread_count(0),
         )
@@ -199,7 +211,7 @@ def expected_log_density(X: Floats, mixture: Mixture, variance_floor: float) -> 
     The log densities of shapes X (n, d) that have errors of this variance.
     """
     density = mixture.log_density(X.reshape(len(X), 3, -1))
-    traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)
+    traces = (mixture.whitening**2).sum(axis=(1, 2))
     expected: Floats = density - 0.5 * variance_floor * traces
     return expected
 
@@ -209,11 +221,9 @@ def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
 
     -kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)).
     """
-    log_size = np.linalg.slogdet(mixture.covariances)[1]
-    G_of_each = np.broadcast_to(G, mixture.covariances.shape)
-    pulled = np.linalg.solve(mixture.covariances, G_of_each)
-    trace = pulled.trace(axis1=1, axis2=2)
-    return float(-0.5 * kappa * (log_size + trace).sum())
+    W = mixture.whitening
+    traces = ((W @ G) * W).sum(axis=(1, 2))
+    return float(-0.5 * kappa * (mixture.log_determinants + traces).sum())
 
 
 def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
@@ -223,9 +233,10 @@ def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
     """
     centres = _draw_seeds(X, k)
     label = np.zeros(len(X), np.intp)
+    doubled = 2 * X
     for _ in range(MAX_KMEANS_ROUNDS):
         before = label
-        label = ((centres**2).sum(axis=1) - 2 * X @ centres.T).argmin(axis=1)
+        label = ((centres**2).sum(axis=1) - doubled @ centres.T).argmin(axis=1)
         if (label == before).all():
             break
         for i in range(k):

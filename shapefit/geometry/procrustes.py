@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.geometry.rotations import nearest_rotation
+from shapefit.threads import on_threads
+
+SHAPES_AT_A_TIME = 1000
+"""A thread turns as many in some milliseconds."""
 
 MirrorIndex = NDArray[np.integer] | Sequence[int]
 """The partner of each point, itself for a point on the plane of symmetry."""
@@ -175,12 +180,15 @@ def generalised_procrustes(
     in its frame (rotations[0] = I). Source: Gower 1975.
     """
     chosen = choose_landmarks(shapes, landmarks)
+    starts = range(0, len(chosen), SHAPES_AT_A_TIME)
+    parts = [chosen[start : start + SHAPES_AT_A_TIME] for start in starts]
     mean = chosen[0]
     converged = False
     rounds = 0
     while not converged and rounds < max_rounds:
         rounds += 1
-        R = rotation_onto(chosen, mean)
+        onto_mean = partial(rotation_onto, target=mean)
+        R = np.concatenate(on_threads(onto_mean, parts, 0))
         previous = mean
         mean = np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
         change = np.linalg.norm(mean - previous)

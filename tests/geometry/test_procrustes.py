@@ -190,3 +190,18 @@ class TestLateralAxis:
         shapes[:, lateral, 0] = 2
         shapes[0, lateral - 1, 0] = 3
         assert lateral_axis(shapes, PARTNERS) == lateral
+
+
+def test_no_bit_of_an_alignment_depends_on_the_number_of_threads(rng, monkeypatch):
+    shapes = rng.normal(size=(2500, 3, 5))
+
+    def align_on(cores):
+        monkeypatch.setattr("os.cpu_count", lambda: cores)
+        return generalised_procrustes(shapes)
+
+    one = align_on(1)
+
+    for cores in (2, 3):
+        several = align_on(cores)
+        assert_array_equal(one.shapes, several.shapes)
+        assert_array_equal(one.mean, several.mean)

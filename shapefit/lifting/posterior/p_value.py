@@ -23,6 +23,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.posterior import OUTLIERS, Posterior, find_posterior
 from shapefit.lifting.trust import VIEW_NUMBERS
+from shapefit.threads import on_threads
 
 MIN_INLIERS = 3.0
 """Landmarks that fix a view."""
@@ -138,12 +139,17 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floa
         prior = prior.marginal(np.sort(some))
         p = most
     counts = [count for count in DRAWN_LANDMARKS if MIN_COUNT_RATIO * count < p]
-    rows = []
-    for scale in scales:
-        for count in (*counts, p):
-            excess, share = draw_moments(widen(prior, scale), count)
-            rows.append((scale, count, excess, share))
-    return np.array(rows)
+    places = [(scale, count) for scale in scales for count in (*counts, p)]
+    table = np.empty((len(places), 4))
+
+    def fill(row: int) -> None:
+        """Fill in a row of the table."""
+        scale, count = places[row]
+        table[row] = (scale, count, *draw_moments(widen(prior, scale), count))
+
+    # the last takes longest, and others would wait for it
+    on_threads(fill, reversed(range(len(places))), 0)
+    return table
 
 
 def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
@@ -228,6 +234,7 @@ def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
         starts=drawn.rotation[:, None],
         outliers=OUTLIERS,
         shapes=False,
+        threads=1,
     )
 
 

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.special import gammaincc
 
 import shapefit
@@ -197,6 +198,11 @@ class TestTable:
     ):
         drawn = table_of(planted, 15)
         assert moments_at(table, scale) == pytest.approx(drawn)
+
+    @pytest.mark.parametrize("cores", [1, 2, 3])
+    def test_no_bit_depends_on_the_number_of_threads(self, table, monkeypatch, cores):
+        monkeypatch.setattr("os.cpu_count", lambda: cores)
+        assert_array_equal(draw_table(planted(15), (1.0, 4.0)), table)
 
     def test_above_the_last_scale_it_gives_that_of_the_last(self, table):
         last_scale_moments = table[table[:, 0] == 4, 1:]
