@@ -150,6 +150,19 @@ def test_batches_change_no_bit(run, images_with_a_beetle, monkeypatch):
     check_same(whole, in_batches)
 
 
+@pytest.mark.parametrize("keys", STAGES)
+def test_batches_of_several_blocks_change_no_bit(run, images, monkeypatch, keys):
+    """Each image starts from another one of its model, if one of its block is."""
+    rows = np.arange(150) % len(images)
+    items = tuple(f"image{i}" for i in range(len(rows)))
+    many = images.take(rows).replaced(items=items)
+    whole, _ = run(views=many, **keys)
+    monkeypatch.setattr("shapefit.pipelines.fit.fit.IMAGES_PER_BATCH", 64)
+    in_batches, outcomes = run(views=many, **keys)
+    assert done(outcomes) == 150
+    check_same(whole, in_batches)
+
+
 def test_a_model_that_the_dictionary_lacks_has_all_atoms(
     run, images, images_with_a_beetle
 ):
