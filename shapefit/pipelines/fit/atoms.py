@@ -205,7 +205,7 @@ class AtomFamily:
         """
         omitted = find_omitted(images, dataset, self.dictionary)
         files = np.zeros(len(images), np.int64) if group is None else group
-        block = np.cumsum(find_blocks(files))
+        block: Integers = np.cumsum(find_blocks(files))
 
         def lift_group(item: str) -> Group:
             """Lift the images of an item without its atoms; "" is no item."""
