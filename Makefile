@@ -183,7 +183,8 @@ test-levels: $(ALL_READY)
 
 # Quick tests that reach each kernel. Python itself never frees all of its memory, so leaks are not
 # checked. -s shows the report.
-SANITIZED_TESTS := tests/core/test_core.py tests/convex tests/dictionary/test_learning.py tests/lifting/test_methods.py \
+SANITIZED_TESTS := tests/core/test_core.py tests/convex tests/lifting/test_methods.py tests/io/test_csv_cells.py \
+    $(addprefix tests/dictionary/,test_learning.py test_mixture.py from_2d/test_model.py) \
     $(addprefix tests/lifting/,test_global_optimum.py test_consensus.py perspective posterior sequences shared_rotation)
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)

@@ -32,8 +32,10 @@ bool AtomProducts::make(ReducedAtoms& atoms, const Index* used, Index count) {
     Index lacking = 0;
     for (Index e = 0; e < count; ++e) lacking += !has(used[e]);
     if (taken_ + lacking > places_) clear();
-    for (Index e = 0; e < count; ++e)
+    for (Index e = 0; e < count; ++e) {
+        check_interrupt();
         if (!has(used[e])) add(atoms, used[e]);
+    }
     return true;
 }
 

@@ -41,9 +41,11 @@ void Reduction::expand(const double* y, double* out, Index p) const {
 Planes make_planes(Tensor<const double> atoms, Workspace& workspace) {
     const Index k = atoms.size[0], p = atoms.size[2];
     Planes planes{workspace.zeros<double>(3 * p * padded(k)), p, padded(k)};
-    for (Index i = 0; i < k; ++i)
+    for (Index i = 0; i < k; ++i) {
+        check_interrupt();
         for (int b = 0; b < 3; ++b)
             for (Index j = 0; j < p; ++j) *planes.at(b, j, i) = atoms[i][b][j];
+    }
     return planes;
 }
 
@@ -103,6 +105,7 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
     resize(reduction.coordinates());
     double most = 0;
     for (Index i = 0; i < planes.padded_atoms; i += WIDTH) {
+        check_interrupt();
         Doubles squares = {};
         for (int b = 0; b < 3; ++b) {
             Doubles along = {};
