@@ -40,7 +40,8 @@ def main() -> None:
     """Solve the program of the file given once for each line of standard input, and
     print what that took as JSON.
     """
-    data, peer = np.load(sys.argv[1]), sys.argv[2]
+    data = np.load(sys.argv[1])
+    peer = sys.argv[2]
     make = {"admm": admm_solvers, "clarabel": clarabel_solvers}[peer]
     optimum = data["optimum"]
     solvers = make(data["landmarks"], data["atoms"], float(data["lam"]), optimum)

@@ -368,7 +368,9 @@ class Source(Generic[Record]):
                 count = min(size, file.count - start)
                 if count > room:
                     yield concatenate(parts), np.concatenate(numbers)
-                    parts, numbers, room = [], [], size
+                    parts = []
+                    numbers = []
+                    room = size
                 parts.append(self._read(file, slice(start, start + count)))
                 numbers.append(np.full(count, number))
                 room -= count

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -171,12 +171,7 @@ def posterior_mean(
     blocks = ceil(n / IMAGES_PER_BLOCK) if covariance else 0
     of_blocks = np.empty((blocks, 3 * p, 3 * p))
     core.expect_shapes(
-        residuals=seen.residuals,
-        precisions=seen.precisions,
-        rotation=np.ascontiguousarray(views.rotation),
-        scale=seen.scale,
-        modes=np.ascontiguousarray(model.modes),
-        translation_precision=TRANSLATION_PRECISION,
+        **_kernel_arrays(seen, views, model),
         log_density=log_density,
         mean=np.ascontiguousarray(model.mean),
         rest=model.rest,
@@ -211,12 +206,7 @@ def find_log_density(images: Images, views: Views, model: Gaussian) -> Floats:
     seen = _project(images, views, model)
     log_density = np.empty(len(images))
     core.find_view_densities(
-        residuals=seen.residuals,
-        precisions=seen.precisions,
-        rotation=np.ascontiguousarray(views.rotation),
-        scale=seen.scale,
-        modes=np.ascontiguousarray(model.modes),
-        translation_precision=TRANSLATION_PRECISION,
+        **_kernel_arrays(seen, views, model),
         log_density=log_density,
         threads=thread_count(0),
     )
@@ -250,6 +240,29 @@ def _project(images: Images, views: Views, model: Gaussian) -> _Projected:
         rest=rest,
         variances=v,
         precisions=np.where(images.visible, 1.0 / v, 0.0),
+    )
+
+
+class _KernelArrays(TypedDict):
+    """What every kernel needs of images in their views, by the names of arguments."""
+
+    residuals: Floats
+    precisions: Floats
+    rotation: Floats
+    scale: Floats
+    modes: Floats
+    translation_precision: float
+
+
+def _kernel_arrays(seen: _Projected, views: Views, model: Gaussian) -> _KernelArrays:
+    """Return what every kernel needs of images, their views and the model."""
+    return _KernelArrays(
+        residuals=seen.residuals,
+        precisions=seen.precisions,
+        rotation=np.ascontiguousarray(views.rotation),
+        scale=seen.scale,
+        modes=np.ascontiguousarray(model.modes),
+        translation_precision=TRANSLATION_PRECISION,
     )
 
 
